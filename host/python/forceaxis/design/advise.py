@@ -58,7 +58,8 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# Only a mode of vibration below this multiple of the critical frequency limits the gain by its lag.
+# Highest frequency of a mode of vibration whose phase lag can limit the gain, as a multiple of the
+# critical frequency.
 LAG = 3.0
 
 
@@ -77,12 +78,13 @@ NOT_ASKED = NotAsked.NOT_ASKED
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Gains and frequencies of a loop at the critical gain. The docstring of the module defines
-    each field.
+    """Gains and frequencies of a loop at the critical gain. The docstring of this module defines
+    each value.
 
-    Gains are in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain is
-    None if the loop is stable at every gain (known_to is None), or at every gain up to known_to,
-    above which rounding errors hide a limit. The other figures are then None, or those at known_to.
+    Gains are in the unit of the loop. Only firmware_gain is in DAC codes per 8-bit count. Without a
+    critical gain, critical_gain is None. If known_to is then None, the loop is stable at every
+    gain. Otherwise the loop is stable up to the gain known_to, and above it rounding errors hide a
+    limit. The other fields are then None, or the values at the gain known_to.
     """
 
     critical_gain: float | None
@@ -96,8 +98,8 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class FiguresOverSet(WorstFigures):
-    """Worst bandwidth and margins over a set of plants with the largest gain that keeps the
-    margins. `firmware_gain` is this gain in DAC codes per 8-bit count."""
+    """Worst bandwidth and margins over a set of plants, with the largest gain that keeps the
+    margins. `firmware_gain` is this largest gain in DAC codes per 8-bit count."""
 
     firmware_gain: float
 
@@ -112,12 +114,12 @@ class SimulatedLimit:
     unstable_gain: float | None
     of_limit: float | None  # ratio of `stable_gain` to the critical gain of the linear loop
     runs: int  # number of simulated runs
-    ripple_count: float | None  # force ripple in 8-bit counts, at a smaller gain
+    ripple_count: float | None  # force ripple in 8-bit counts at about half of `stable_gain`
 
 
 @dataclass(frozen=True)
 class Ratios:
-    """For each field of Performance, the ratio of the changed design to the present design. A ratio
+    """For each value of Performance, the ratio of the changed design to the present design. A ratio
     is None if one of the two designs has no value."""
 
     critical_gain: float | None
@@ -128,8 +130,8 @@ class Ratios:
 
 @dataclass(frozen=True, kw_only=True)
 class PresentDesign(Performance):
-    """The performance of the present design. `over`: worst values over a set of plants, None if no
-    gain keeps the margins. `simulated`: largest stable gain in simulated runs."""
+    """The performance of the present design. `over`: worst values over a set of plants, or None if
+    no gain keeps the margins. `simulated`: largest stable gain in simulated runs."""
 
     over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
     simulated: SimulatedLimit | NotAsked = json_field(default=NOT_ASKED, omit_none=True)
@@ -155,7 +157,7 @@ class AdviceRow(Performance):
 
 @dataclass(frozen=True)
 class LimitingMode:
-    """The mode of vibration that limits the gain.
+    """The mode of vibration that limits the gain of the force loop.
 
     `element`: spring or contact with most of the elastic energy. `body`: body with the largest
     motion. `frequency_hz`: frequency of the mode without damping. `shape`: {body: amplitude}.
@@ -175,8 +177,8 @@ class LimitingMode:
 
 @dataclass(frozen=True)
 class NoLimitingMode:
-    """The effect that limits the gain if no mode of vibration limits the gain. `how` is a text
-    about this effect."""
+    """Result if no mode of vibration limits the gain. `how` is a text about the effect that limits
+    the gain instead."""
 
     how: str
     name: str = "none"
@@ -184,8 +186,8 @@ class NoLimitingMode:
 
 @dataclass(frozen=True)
 class NextCrossing:
-    """The next gain above the critical gain at which another pole becomes unstable, and the
-    frequency of this pole."""
+    """The next gain above the critical gain at which another pole becomes unstable. The frequency
+    is that of this pole."""
 
     gain: float
     frequency_hz: float | None
@@ -193,7 +195,7 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The property that limits the bandwidth of an axis, and the effects of changes.
+    """What limits the bandwidth of an axis, and the effect of each possible change of the axis.
 
     `unit`: unit of the gains. `reference_hz`: crossover frequency of the present design, at which
     `loop_gain_at` is computed. `present_gain`: `force_gain` of the experiment. `over` and `modes`:
@@ -221,14 +223,19 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """The order for an advice.
+    """The request for an advice.
 
-    text: model or experiment. timing: one of loops.TIMINGS, None: that of the experiment, otherwise
-    zoh. factor: by which a parameter is multiplied and divided. runs: what is simulated with the
-    firmware: "none", "present" (the present design, and the finer ADC, whose effect the linear
-    analysis does not contain) or "all" rows that the firmware can run. over: tolerances of the set
-    as texts NAME=PERCENT% or NAME=LOW..HIGH, empty: no set; modes of the set: "visited", "all" or
-    "nominal"; states: {element: state} of all plants.
+    text: model or experiment, as a path or a name. timing: one of loops.TIMINGS. None selects the
+    timing of the experiment, or zoh without an experiment. factor: factor by which a parameter is
+    multiplied and divided.
+
+    runs: which designs are simulated with the firmware. "none": no design. "present": the present
+    design and the change to a finer ADC, whose effect the linear analysis does not contain. "all":
+    all designs that the firmware can run.
+
+    over: tolerances of the set of plants as texts NAME=PERCENT% or NAME=LOW..HIGH. Without a
+    tolerance, there is no set of plants. modes: modes of the set of plants: "visited", "all" or
+    "nominal". states: {element: state} of all plants.
     """
 
     text: str | Path
@@ -297,7 +304,8 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
     system = linear.linearise(
         model, (f"{body}.force",), tuple(outputs), overrides=overrides, drive=False
     )
-    # The coordinates that displace bodies and ports as the mode does.
+    # Generalised coordinates of the model at which its bodies are displaced as in the mode of
+    # vibration.
     moved = np.array([shape.get(point, 0.0) for point in facts.points])
     coordinates = np.linalg.lstsq(facts.displacements(), moved)[0]
     amplitude = dict(zip(facts.coordinates_kg, coordinates, strict=True))
@@ -347,14 +355,14 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
 
 
 def next_crossing(loop: Loop) -> NextCrossing | None:
-    """Returns the next pole that becomes unstable above the critical gain, or None. The gain of
-    this pole would be the critical gain if the first unstable pole stayed stable."""
+    """Returns the next pole that becomes unstable above the critical gain, or None. The gain at
+    which this happens would be the critical gain if the first unstable pole stayed stable."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
 
 
-# The root locus starts at z = 0, whose logarithm is -infinity.
+# The root locus of a sampled loop starts at z = 0, whose logarithm is -infinity.
 @np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
     """Returns the open-loop pole in 1/s at which a branch of the root locus begins. The branch is
@@ -372,7 +380,7 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
 def rank(
     figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
 ) -> tuple[float, float]:
-    """Returns the sorting key of a row.
+    """Returns the sorting key of a row of the advice.
 
     With a set of plants, the rows are sorted by bandwidth. Without a set of plants, changes without
     a critical gain come first; all other rows are sorted by crossover frequency, then by loop gain.
@@ -388,7 +396,7 @@ def rank(
 
 
 class _Over:
-    """Computes the worst performance of each row over a set of plants."""
+    """Computes the worst performance of each row of the advice over a set of plants."""
 
     def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
@@ -419,23 +427,23 @@ class _Over:
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:
-        """Returns the worst values over the set of plants with a change of the design, at the
-        largest gain that keeps the margins. Returns None if no gain keeps the margins."""
+        """Returns the worst values over the set of plants of a changed design. The gain is the
+        largest one that keeps the margins. Returns None if no gain keeps the margins."""
         spec = change.spec or LoopSpec(timing=self.design.timing)
         bits = change.firmware.get("adc_bits", self.goal.adc_bits)
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
         try:
             found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
-        except InputError:  # No gain makes all plants of the set of plants stable.
+        except InputError:  # A plant of the set is unstable at every gain.
             return None
         if found.worst is None:
             return None
         return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
     def designed(self) -> list[Change]:
-        """Returns two changes from the present law to a filter bank that is designed for the set of
-        plants. The first change keeps the present ADC, and the second change has an ADC of more
-        bits."""
+        """Returns the two changes from the present control law to a filter bank that is designed
+        for the set of plants. The first change keeps the present ADC. The second change also has an
+        ADC of more bits."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
@@ -490,7 +498,8 @@ Rows = list[tuple[AdviceRow, Change]]
 def _simulated(
     design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
 ) -> tuple[PresentDesign, Rows]:
-    """Returns (present design, rows) with the limits from simulated runs of the firmware."""
+    """Returns (present design, rows of the advice), with the gain limits from simulated runs of the
+    firmware."""
     own = simulated_limit(design, NO_CHANGE, present, order.threads)
     quiet = (own.stable_gain or 0) / GAIN_MARGIN
     done: Rows = []
@@ -536,11 +545,12 @@ def simulated_limit(
     """Returns the largest gain of the firmware up to which all simulated contacts are stable.
 
     The function simulates a series of gains up to 1.3 times the linear limit. It looks for the
-    smallest stable gain and for the next gain that is not stable; two finer series between them
-    give the result with an error of one per cent. Gains below the smallest stable one are ignored,
-    because the approach is then so slow that the force does not settle in time. Below the linear
-    limit, contact and limit cycle may both exist, so the result is valid only for the approach of
-    the experiment. The force ripple is that at quiet_gain, or at half the stable gain.
+    smallest stable gain, and for the next gain that is not stable. Two finer series between these
+    gains give the result with an error of one per cent. Gains below the smallest stable one are
+    ignored, because the approach is then so slow that the force does not settle in time. Below the
+    linear limit, the axis may either settle in contact or have a limit cycle. The result is
+    therefore valid only for the approach of the experiment. The force ripple is that at quiet_gain,
+    or at half of the result without quiet_gain.
     """
     limit = linear_figures.firmware_gain
     top = min(1.3 * limit if limit else HIGHEST_GAIN, HIGHEST_GAIN)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help`
 @dataclass(frozen=True)
 class BankFigures:
     """A filter bank in JSON. `force_gain` and `hf_gain` (gain at high frequency) are in DAC codes
-    per 8-bit count, `velocity_gain` is in DAC codes per count/tick.
+    per 8-bit count. `velocity_gain` is in DAC codes per count/tick.
 
     Each second-order section is (b0, b1, b2, a1, a2).
     """

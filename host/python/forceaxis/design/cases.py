@@ -26,7 +26,7 @@ class ContactCase:
 
 
 class NamedCase(NamedTuple):
-    """The user's experiment as a simulated contact. The name is the file name of the experiment
+    """The user's experiment as a simulated contact. Its name is the file name of the experiment
     without the suffix."""
 
     name: str
@@ -67,8 +67,8 @@ def read_run(outcome: "_core.RunOutcome") -> ContactRun:
 
 @dataclass(frozen=True)
 class SimulatedContact(Outcome):
-    """One row of "simulated" in the result of `design`: a contact that was simulated with one law
-    on one plant."""
+    """One row of "simulated" in the result of `design`: a contact that was simulated with one
+    control law on one plant."""
 
     law: str  # "design" or "p"
     case: str
@@ -117,10 +117,11 @@ def simulated_contact(
 
 @dataclass(frozen=True)
 class GainCut:
-    """A gain that was rejected because a simulated contact was not stable.
+    """A gain of a control law that was rejected because a simulated contact was not stable.
 
     `force_gain` is in DAC codes per 8-bit count. `failed` and `simulated` are numbers of contacts.
-    `case` is the first unstable contact. `why` names the limits that this contact did not keep.
+    `case` is the name of the first unstable contact. `why` names the limits that this contact did
+    not keep.
     """
 
     force_gain: float
@@ -139,8 +140,8 @@ class GainCut:
 
 
 def why(contact: SimulatedContact) -> str:
-    """Returns a text of one line that names the limits that a simulated contact did not keep, each
-    limit with value and unit."""
+    """Returns one text line that names the limits that a simulated contact did not keep. Each limit
+    has its value and unit."""
     texts = []
     for missed in contact.missed:
         if missed.limit == "fault":

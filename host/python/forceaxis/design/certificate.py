@@ -1,5 +1,5 @@
-"""Computes, exactly, the worst bandwidth and margins of a control law over a set of plants, and the
-bound that limits the gain.
+"""Computes the worst bandwidth and margins of a control law over a set of plants, without an error
+from a grid of frequencies. Also names the bound that limits the gain.
 
 The search evaluates a law on a grid of frequencies and on a sample of the set. The functions of
 this module lower the gain until the exact figures of the worst members keep the margins.
@@ -19,14 +19,15 @@ from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import DELAYS, Responses
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
-# Ratio of the first gain that is checked exactly to the gain that the grid of frequencies gives.
+# Ratio of the first gain in the exact check to the gain that the grid of frequencies permits.
 # The ratio is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
-# The search of the largest gain ends at this ratio of a gain that is too small to one too large.
+# The search for the largest gain ends when the ratio of a kept gain to a failed gain is this large.
 GAIN_NEAR = 0.98
-QUICK_ERROR = 1e-6  # largest relative error of quickly computed values, with a reserve
-REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
-# a frequency belongs to a mode if the ratio of the two frequencies is below this factor
+# largest relative error of quickly computed bandwidths and margins, with a reserve
+QUICK_ERROR = 1e-6
+REACHED_SHARE = 0.97  # a sentence names a bound as reached above this share of the bound
+# Two frequencies belong to the same mode of vibration if their ratio is below this factor.
 MODE_FACTOR = 1.35
 
 # {name of a bound in GainLimit: text about the bound for a sentence}
@@ -48,11 +49,11 @@ class WorstFigures:
 
     fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB
     fT_Hz: float | None  # highest frequency at which |T| falls below -3 dB
-    Ms: float | None  # largest |S| without a tick of latency
+    Ms: float | None  # largest |S| without latency
     Ms_late: float | None  # largest |S| with one tick of latency
     gain_margin: float | None
     phase_margin_deg: float | None
-    static_error: float  # share of the set-point
+    static_error: float  # largest static error as a share of the set-point
     # plant with the lowest fS: {parameter: value in SI units}, states, and delay of the loop
     member: dict[str, float | str]
 
@@ -63,7 +64,7 @@ class WorstFigures:
 
     @property
     def row(self) -> Row:
-        """Returns the values of one table row in the order of FIGURES."""
+        """Returns the values of one table row, in the order of FIGURES."""
         return (
             self.fS_Hz, self.fT_Hz, self.Ms, self.Ms_late, self.gain_margin, self.phase_margin_deg
         )  # fmt: skip
@@ -89,7 +90,7 @@ class NoPFigures:
 
     @property
     def row(self) -> Row:
-        """Returns a table row without values in the order of FIGURES."""
+        """Returns a table row without values, with one cell for each value in FIGURES."""
         return (None,) * len(FIGURES)
 
 
@@ -110,8 +111,8 @@ def lowered(bank: Bank, factor: float) -> Bank:
 
 def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
     """Returns the worst bandwidth and margins of a filter bank over the plants of a grid. The gain
-    of the bank is at most the largest gain that keeps margins on this grid, so that all loops are
-    stable."""
+    of the bank must be at most the largest gain that keeps the margins on this grid. All loops are
+    then stable."""
     found = grid.figures(bank)
     peaks = dict(zip(grid.timings, found.Ms.max(axis=0).tolist(), strict=True))
     slowest, _ = np.unravel_index(int(np.argmin(found.fS_Hz)), found.fS_Hz.shape)
@@ -141,10 +142,11 @@ def exact(
     quick: bool = False, first: float = FIRST_GAIN_FACTOR,
 ) -> tuple[Bank, WorstFigures | None]:  # fmt: skip
     """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
-    the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the values
-    are None. `responses`: of the plants, to be used for several banks. `quick`: the values have a
-    relative error of up to QUICK_ERROR, and take a fraction of the time.
-    `first`: ratio of the first tried gain to that of the bank."""
+    the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the worst
+    values are None. `responses`: frequency responses of the plants. Pass them if they serve for
+    several banks. `quick`: True if the values may have a relative error of up to QUICK_ERROR. The
+    computation then takes a fraction of the time. `first`: ratio of the first gain that is tried to
+    the gain of `bank`."""
     bank = lowered(bank, first)
     responses = responses or Responses(plants, goal.timings)
     kept: tuple[Bank, WorstFigures] | None = None
@@ -161,7 +163,8 @@ def exact(
         else:
             failed = bank.force_gain
         if kept:
-            # The last step has lowered the gain by a large factor: a larger gain may be good too.
+            # The last step has lowered the gain by a large factor, so a larger gain may be good
+            # too.
             between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
             if between.force_gain <= kept[0].force_gain:
                 break
@@ -173,8 +176,8 @@ def exact(
 
 
 def _worst_of(responses: Responses, bank: Bank, goal: Goal, quick: bool) -> dict[str, over.Worst]:
-    """Returns the worst bandwidth and margins for each delay of the loop. Quick values are returned
-    if they do not keep the bounds, because exact values would not keep them either."""
+    """Returns the worst bandwidth and margins for each delay of the loop. Quickly computed values
+    are returned if they do not keep the bounds. Exact values would not keep the bounds either."""
     searches = _searches(responses, bank)
     if quick or responses.is_exact:
         found = {t: search.quick() for t, search in searches.items()}
@@ -199,8 +202,9 @@ def of_any(plants: PlantSet, grid: Grid, bank: Bank, timings: Sequence[str]) -> 
 
 def _factor(worst: over.Worst, goal: Goal, timing: str, quick: bool = False) -> float:
     """Returns the factor by which the gain has to be multiplied so that the loop keeps the margins
-    with one delay of the loop ("zoh" or "zoh+1"), or 1 if the loop already keeps the margins.
-    `quick`: the values have an error of up to QUICK_ERROR, and have to keep the margins with it."""
+    with the delay `timing` ("zoh" or "zoh+1"). Returns 1 if the loop already keeps the margins.
+    `quick`: True if the values in `worst` have an error of up to QUICK_ERROR. The margins must be
+    kept even with this error."""
     if not worst.stable:
         return 0.8
     factor = 1.0
@@ -238,8 +242,8 @@ def _size(value: float | None) -> float | None:
 
 def _static_error(grid: Grid, bank: Bank) -> float:
     """Returns the largest static error of a filter bank over the plants of a grid, as a share of
-    the set-point. A plant with an integral, such as that of a velocity loop with an integral, has
-    no static error."""
+    the set-point. A plant with a pole at 0, such as a velocity loop with an integral, has no static
+    error."""
     if bank.integral_rad_per_s:
         return 0.0
     static = [
@@ -253,8 +257,8 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
     """Returns a sentence about the bound that limits the gain of a filter bank.
 
-    `steep` is the gain of the law at high frequency for a `force_gain` of 1. `finer` is the text of
-    Goal.hf_cure() about the remedy.
+    `steep` is the gain of the law at high frequency with a `force_gain` of 1. `finer` is the text
+    of Goal.hf_cure() about a remedy.
     """
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(bank, steep, free)
@@ -282,8 +286,8 @@ def _margin_left(grid: Grid, bank: Bank, bounds: Bounds, steep: float) -> bool:
 
 
 def _mode_near(poles: Response, hz: float) -> float | None:
-    """Returns the frequency in Hz of the lightly damped pole next to `hz`, or None. `poles`: poles
-    of the plant in 1/s."""
+    """Returns the frequency in Hz of the lightly damped pole next to the frequency `hz`, or None.
+    `poles`: poles of the plant in 1/s."""
     poles = poles[np.isfinite(poles) & (poles.imag > 0)]
     light = poles[np.abs(poles.real) < 0.2 * np.abs(poles)].imag / (2 * math.pi)
     near = [p for p in light if max(p / hz, hz / p) < MODE_FACTOR]

@@ -1,5 +1,5 @@
-"""An axis as a design (a model with parameter values), and the changes of the model that `advise`
-compares."""
+"""An axis as a design, which is a model with parameter values. The module also has the changes of
+the model that `advise` compares."""
 
 import contextlib
 import math
@@ -25,8 +25,8 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0  # factor by which `advise` multiplies and divides a parameter
-# Stiffness and damping of the grip pads of the thesis (5.1, 5.1.2), in SI units.
-# Mass in kg of the sensor of the thesis (Fig 4.26).
+# Stiffness of a soft and of a hard grip pad of the thesis, and damping of the pads (5.1, 5.1.2), in
+# SI units. Mass in kg of the sensor of the thesis (Fig 4.26).
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
 # damping ratio of a workpiece with the damper of thesis section 5.2 in its support
 WORKPIECE_ZETA = 0.11
@@ -45,11 +45,11 @@ class Change:
     """One change of a design. A field that has its default value changes nothing."""
 
     name: str = ""
-    # group of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control
+    # Kind of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control.
     kind: str = ""
     overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
     edits: tuple[TableEdit, ...] = ()  # edits of the model file
-    # control law and delay of the loop; None means law p with the delay of the design
+    # Control law and delay of the loop. None selects the law p with the delay of the design.
     spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
     # {firmware object: value} with the settings that a simulation of this change needs
@@ -65,11 +65,11 @@ NO_CHANGE = Change()
 class Design:
     """A model with parameter values, and the experiment that simulates this model.
 
-    text: model or experiment, as a path or a name; overrides: {parameter: value}, which take
-    precedence over the table [set] of the experiment; timing: of loops.TIMINGS, None: that of the
-    experiment. states: {element: state} in which the plant is linearised; all other elements have
-    the states of `linear.working`. The object is a context manager, because changed models are
-    files in a temporary folder.
+    text: model or experiment, as a path or a name. overrides: {parameter: value}. These values take
+    precedence over the table [set] of the experiment. timing: one of loops.TIMINGS. None selects
+    the timing of the experiment. states: {element: state} in which the plant is linearised. All
+    other elements have the states of `linear.working`. A Design is a context manager, because
+    changed models are files in a temporary folder.
     """
 
     def __init__(
@@ -123,14 +123,14 @@ class Design:
             )
 
     def value(self, given: Given | None) -> float | None:
-        """Returns the value in SI units of a number, quantity or parameter of the model file.
-        Returns None if the file has no value or the parameter is unknown."""
+        """Returns the value in SI units of an entry of the model file: a number, a quantity or the
+        name of a parameter. Returns None if there is no entry or the parameter is unknown."""
         return working.number(given, self.facts.parameters)
 
     @property
     def zero_code(self) -> int:
-        """Returns the ADC code at the force 0, as the firmware receives it: the upper 16 bits of a
-        longer code."""
+        """Returns the ADC code that the firmware receives at the force 0. Of a code with more than
+        16 bits, the firmware receives the upper 16 bits."""
         adc = self.tables.force_adc
         code = int(self.value(adc.zero_code) or 0)
         return code >> (adc.bits - self.facts.required_reading.bits)
@@ -162,12 +162,12 @@ class Design:
         )
 
     def working(self) -> working.Working:
-        """Returns the mode {element: state} in which the unchanged plant is linearised."""
+        """Returns the working point {element: state} at which the unchanged plant is linearised."""
         return working.working(self.model, self.overrides, self.states)
 
     def job(self, change: Change = NO_CHANGE, **sets: float) -> tuple[str, list[str]]:
-        """Returns (experiment, list of texts NAME=VALUE) for a simulated run of a changed design
-        with the firmware. `sets` is {firmware object: value} for the run."""
+        """Returns (experiment, list of texts NAME=VALUE) for a simulation of a changed design with
+        the firmware. `sets`: {firmware object: value} for this simulation."""
         model = self.changed_model(change)
         if model not in self._runs:
             self._runs[model] = self.run_file(model)
@@ -322,8 +322,9 @@ def together(one: Change, other: Change) -> Change:
 
 
 def sampling(design: Design) -> list[Change]:
-    """Returns the changes of the sampling rate, of the zero-order hold and of the latency. A drive
-    on a bus needs a loop that runs once in each tick of 1/1500 s, so its latency alone changes."""
+    """Returns the changes of the sampling rate, of the zero-order hold and of the latency. The loop
+    of a drive on a bus has to run once in each tick of 1/1500 s. For such a drive, only the latency
+    changes."""
     rate_hz = _core.TICKS_PER_SECOND
     rows = []
     over_bus = not design.facts.bus.is_immediate
@@ -401,8 +402,8 @@ def amplifier(design: Design) -> list[Change]:
 
 
 def control(design: Design, frequency_hz: float | None) -> list[Change]:
-    """Returns the changes to other control laws (thesis section 6.2.1): laws of a filter bank, and
-    the derivative of a velocity sensor, for which the firmware has no input.
+    """Returns the changes to other control laws (thesis section 6.2.1). Most of these laws are
+    filter banks. One law uses a velocity sensor, for which the firmware has no input.
 
     The laws add phase lead at `frequency_hz`, where the present loop becomes unstable.
     """

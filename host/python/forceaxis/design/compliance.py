@@ -1,5 +1,5 @@
-"""Trade-off between a soft contact and a low gain (thesis section 6.2.1): computes the effect of
-the stiffness of one element on the force loop.
+"""Trade-off between a soft contact and a low gain (thesis section 6.2.1): computes how the
+stiffness of one element of the model affects the force loop.
 
 A softer pad, sensor or workpiece permits a higher gain but lowers the loop gain, and the axis moves
 farther until it reaches its force. For each stiffness, the result has the bandwidth over the set of
@@ -31,23 +31,24 @@ from forceaxis.results import json_field
 
 SPAN = (1 / 20, 4.0)  # lowest and highest stiffness, as multiples of the stiffness in the model
 POINTS_MAX = 40  # largest number of stiffness values in the series
-# factors by which the impulse of the impacts in simulate.py is multiplied
+# Factors by which the impulses of the simulated impacts in simulate.py are multiplied.
 STRIKE_FACTORS = np.geomspace(0.25, 64.0, 9)
-STRIKES_AT_ONCE = 3  # number of impulses that are simulated before the result is checked
-# frequency of the static response; above 0, because the response of an axis may be infinite at 0 Hz
+# number of impulses that are simulated together before their results are checked
+STRIKES_AT_ONCE = 3
+# Frequency at which the static response is computed. At 0 Hz the response may be infinite.
 STATIC_HZ = 0.01
 
 
 @dataclass(frozen=True)
 class CompliancePoint:
-    """The results for one stiffness in N/m; None if no gain keeps the margins. Fields with the
-    prefix `p_` belong to the P law, all other fields to the filter bank designed for this
-    stiffness."""
+    """The results for one stiffness in N/m, or None if no gain keeps the margins. Fields with the
+    prefix `p_` belong to the P law. All other fields belong to the filter bank that is designed for
+    this stiffness."""
 
     stiffness: float
     p_fS_Hz: float | None
     fS_Hz: float | None
-    p_static_error: float | None  # share of the set-point
+    p_static_error: float | None  # static error with the P law as a share of the set-point
     static_error: float | None
     motion_m: float  # travel of the drive in m from the first contact to the force set-point
     # impulse of the largest stable impact; 0 if the smallest simulated impact is unstable
@@ -60,9 +61,9 @@ class CompliancePoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """Margins over a stiffness. `present`: stiffness in the model in N/m.
-    `over`: tolerances of the set of plants. `strike_max_N_s`: impulse of the largest simulated
-    impact in N s."""
+    """Margins of the force loop for several values of a stiffness. `present`: stiffness in the
+    model in N/m. `over`: tolerances of the set of plants. `strike_max_N_s`: impulse of the largest
+    simulated impact in N s."""
 
     model: str
     element: str
@@ -79,7 +80,7 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ComplianceOrder:
-    """The order for margins over a stiffness: model, element, stiffness values and set of
+    """The request for a Compliance: model, element with the stiffness, stiffness values and set of
     plants."""
 
     text: str  # MODEL or EXPERIMENT
@@ -91,7 +92,7 @@ class ComplianceOrder:
     # (lowest, highest) stiffness in N/m; None selects SPAN times the stiffness in the model
     span: tuple[float, float] | None = None
     points: int = 9
-    bits: int | None = None  # None: those of the model
+    bits: int | None = None  # bits of the force ADC; None: those of the model
     threads: int | None = None
     # {element: state} that all plants of the set of plants have
     states: Mapping[str, str] | None = None
@@ -190,7 +191,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
 
 
 def motion(design: Design) -> float:
-    """Returns the travel of the drive's body per newton of measured force in m/N, at standstill."""
+    """Returns the travel of the drive's body in m per newton of measured force, at standstill."""
     body = design.facts.required_drive.body
     plants = (
         linear.linearise(
@@ -203,8 +204,8 @@ def motion(design: Design) -> float:
 
 
 def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float:
-    """Returns the largest impulse in N s up to which all simulated impacts are stable with a filter
-    bank. Returns 0 if the smallest impact is unstable."""
+    """Returns the largest impulse in N s that a filter bank tolerates: all simulated impacts up to
+    this impulse are stable. Returns 0 if the smallest impact is unstable."""
     bench = ContactBench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)

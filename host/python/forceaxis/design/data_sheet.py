@@ -13,14 +13,16 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
-STEPPER_SPEED_M_PER_S = 0.05  # default speed of a stepper axis, whose torque falls with the speed
+# default speed of a stepper axis; a stepper's torque falls with the speed
+STEPPER_SPEED_M_PER_S = 0.05
 
 # An answer of the user: a number, the name of a choice, or None.
-# None is the answer `word` of a field, and the value of a field that has no effect.
+# None stands for the text `word` of a field, and for a field that has no effect.
 Answer = float | str | None
-# function that computes the default of a field from the values of the earlier fields
+# Function that computes the default of a field from the values of the earlier fields.
 DefaultValue = Callable[["SheetValues"], float]
-# {name of a field: choices} under which another field has an effect
+# {name of another field: choices of this field}. A field with such a condition has an effect only
+# if the other field has one of these choices.
 Only = Mapping[str, tuple[str, ...]]
 ANY: Only = {}
 
@@ -35,17 +37,17 @@ class SheetField:
     low: float  # smallest accepted value
     high: float  # largest accepted value
     default: float | DefaultValue | None  # None: the default is `word`
-    why: str  # origin of the default
+    why: str  # reason for the default value
     # question to the user: the quantity, and the section of data sheets that states the quantity
     ask: str
     word: str | None = None  # text that the user may enter in place of a number, such as "none"
-    # name of a second field; the field has an effect only if the second field has a number
+    # name of another field; this field has an effect only if the other field has a number
     needs: str | None = None
-    # name of a second field; the field has an effect only if the second field has a text, no number
+    # name of another field; this field has an effect only if the other field has its `word`
     instead_of: str | None = None
-    # {name of a second field: choices}; the field has an effect only with one of these choices
+    # {name of another field: choices}; this field has an effect only with one of these choices
     only: Only = dataclasses.field(default_factory=dict)
-    # the answers, if the field has no number; the first one is the default
+    # the possible answers, if the answer is not a number; the first one is the default
     choices: tuple[str, ...] = ()
     name: str = ""  # name of the field in SheetValues, which ends with the unit
 
@@ -71,7 +73,7 @@ class SheetField:
         return value
 
     def shown(self, default: Answer) -> str:
-        """Returns a default of this field in the form in which a user types the value."""
+        """Returns a default value of this field in the form in which a user types it."""
         if isinstance(default, str):
             return default
         return self.word or "" if default is None else f"{default:.6g}"
@@ -93,8 +95,8 @@ def choice(
     part: str, choices: tuple[str, ...], why: str, ask: str, only: Only = ANY,
     needs: str | None = None, word: str | None = None,
 ) -> str:  # fmt: skip
-    """Creates a field of SheetValues whose value is one of `choices`. The first one is the
-    default, and the value of a field without effect."""
+    """Creates a field of SheetValues whose value is one of `choices`. The first choice is the
+    default, and also the value of a field without effect."""
     field = SheetField(part, "1", 0, 0, None, why, ask, word, needs, only=only, choices=choices)
     return dataclasses.field(default=choices[0], metadata={"field": field})
 
@@ -110,9 +112,9 @@ ROTARY: Only = {"motor": ("rotary",)}
 
 @dataclass(frozen=True)
 class SheetValues:
-    """The values of a data sheet. The name of each field ends with the unit of the value. The order
-    of the questions is the order of the fields, because a default depends on the values of earlier
-    fields."""
+    """The values of a data sheet. The name of each field ends with the unit of the value. The
+    fields are in the order of the questions to the user, because the default of a field depends on
+    values of earlier fields."""
 
     drive: str = choice(
         "drive", ("amplifier", "velocity", "torque", "stepper"), "a velocity amplifier for +-10 V",
@@ -386,7 +388,7 @@ class SheetValues:
 
     @property
     def code_bits(self) -> int:
-        """Returns the resolution of the codes that the firmware has, in bits."""
+        """Returns the resolution in bits of the ADC codes that the firmware receives."""
         return int(min(self.sensor_bits, 16))
 
     @property
@@ -417,8 +419,8 @@ class SheetValues:
 
     @property
     def load_angle_damping_n_s_per_m(self) -> float:
-        """Returns the damping of the load angle of a stepper motor along the axis in N s/m. At
-        standstill the load angle is a spring: the force repeats after 4 full steps."""
+        """Returns the damping of the load angle of a stepper motor along the axis, in N s/m. At
+        standstill the load angle acts like a spring: the force repeats after 4 full steps."""
         spring = self.peak_force_n * math.pi / 2 / self.full_step_m
         return 2 * self.load_angle_damping_ratio * math.sqrt(spring * self.total_mass_kg)
 
@@ -468,16 +470,16 @@ def default_speed_m_per_s(v: SheetValues) -> float:
 
 
 def default_filter_hz(v: SheetValues) -> float:
-    """Returns the default of the velocity filter in Hz: at least six times the bandwidth of the
-    velocity loop, and more if the rotor is light compared with the load."""
+    """Returns the default bandwidth of the velocity filter in Hz. It is at least six times the
+    bandwidth of the velocity loop, and more if the rotor is light compared with the load."""
     return max(6.0, 4.0 * v.total_mass_kg / v.motor_side_mass_kg) * v.velocity_loop_hz
 
 
 def default_current_loop_hz(v: SheetValues) -> float:
     """Returns the default bandwidth of the current loop in Hz.
 
-    The bandwidth is above the motor's electrical pole and above the velocity filter. It is so large
-    that the back EMF adds at most a third of the damping of the velocity loop.
+    The bandwidth is above the motor's electrical pole and above that of the velocity filter. It is
+    so large that the back EMF adds at most a third of the damping of the velocity loop.
     """
     if v.drive != "amplifier":
         return max(1000.0, 10.0 * v.velocity_loop_hz)
@@ -488,14 +490,14 @@ def default_current_loop_hz(v: SheetValues) -> float:
 
 
 def default_latency_ms(v: SheetValues) -> float:
-    """Returns the default of the time in ms from a sample to its arrival. Without a filter, this
-    time represents the settling of the converter."""
+    """Returns the default time in ms from a sample to the arrival of its value. Without a filter,
+    this time is the settling time of the converter."""
     return 0.1 if v.sensor_filter != "none" else 1e3 / (v.sensor_rate_hz or 1500.0)
 
 
 def default_brake_n(v: SheetValues) -> float:
-    """Returns the default of the holding force of the brake in N: twice the component of the weight
-    along the axis, and at least 1 N."""
+    """Returns the default holding force of the brake in N: twice the component of the weight along
+    the axis, and at least 1 N."""
     return max(1.0, 2.0 * abs(v.weight_n))
 
 
@@ -506,8 +508,8 @@ BY_NAME = {field.name: field for field in FIELDS}
 
 
 def read(path: Path) -> dict[str, str]:
-    """Returns {field: text} from a TOML file, whose keys are names of fields and whose values are
-    numbers or words. Raises InputError."""
+    """Returns {field: text} from a TOML file. The keys of the file are names of fields. The values
+    are numbers or words. Raises InputError."""
     table = toml.read(path)
 
     def fail(key: str, message: str) -> NoReturn:
@@ -526,12 +528,12 @@ def read(path: Path) -> dict[str, str]:
     return texts
 
 
-BACK = "<"  # answer that returns to the previous question
+BACK = "<"  # answer with which the user returns to the previous question
 
 
 def sheet_of(values: Mapping[str, Answer]) -> SheetValues:
-    """Returns the data sheet from {name of a field: value}. The value None means the `word` of the
-    field, or a field without effect."""
+    """Returns the data sheet from {name of a field: value}. A value None means the `word` of the
+    field, or that the field has no effect."""
     return from_json(SheetValues, {n: v for n, v in values.items() if v is not None})
 
 
@@ -540,12 +542,14 @@ def collect(
 ) -> tuple[SheetValues, dict[str, str]]:
     """Collects the values of a data sheet and the origin of each value.
 
-    given: {field: text of the user}; ask(field, proposed, number) asks the user for a missing value
-    and returns a valid text or BACK; number counts the fields from 1. Returns (values, {field:
-    origin}). Raises InputError for a value that is out of range or without effect.
+    given: {field: text of the user}. ask(field, proposed, number): function that asks the user for
+    a missing value, and returns a valid text or BACK. `number` counts the fields from 1. Returns
+    (values, {field: origin of its value}). Raises InputError for a value that is out of range or
+    has no effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    # A given alternative, such as the radius of a pulley, sets the excluded field to "none".
+    # If one of two alternative fields is given, the other field becomes "none". An example is the
+    # radius of a pulley.
     for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
@@ -561,7 +565,7 @@ def collect(
             if text not in (None, field.word):
                 raise ParameterError(field.name, refusal)
             values[field.name] = field.choices[0] if field.choices else None
-            # The user may have answered this question before, so the origin may already exist.
+            # The user may have answered this question before, so a previous origin is removed.
             sources.pop(field.name, None)
             i += 1
             continue
@@ -594,8 +598,8 @@ def default_of(field: SheetField, values: Mapping[str, Answer]) -> Answer:
 
 
 def without_effect(field: SheetField, values: Mapping[str, Answer]) -> str | None:
-    """Returns the reason why a field of the data sheet has no effect with the values of the earlier
-    fields, or None if the field has an effect."""
+    """Returns the reason why a field of the data sheet has no effect, from the values of the
+    earlier fields. Returns None if the field has an effect."""
     for name, choices in field.only.items():
         if values[name] not in choices:
             return f"expected no value while `{name}` is {values[name]}; leave it out"

@@ -1,5 +1,5 @@
 """Experiment files of a design: their firmware settings, and their text as a document that can be
-changed."""
+edited."""
 
 from pathlib import Path
 from typing import Any, TypedDict
@@ -9,10 +9,10 @@ import tomlkit
 from forceaxis import _core, toml
 from forceaxis.results import JsonObject
 
-BANK = 1  # number of the firmware's filter bank that receives a design
+BANK = 1  # number of the filter bank of the firmware into which a design is written
 # firmware objects that limit the output after a contact loss
 LOSS = ("contact_loss_cap", "contact_loss_dwell")
-# value of a firmware object, or the keys of a filter bank
+# Value of a firmware object, or {key: value} of a filter bank.
 FirmwareValue = float | str | JsonObject
 
 
@@ -32,8 +32,8 @@ class Write(TypedDict, total=False):
 
 
 class ExperimentText(TypedDict, total=False):
-    """The tables and keys of an experiment file that a design writes. tomlkit.dumps converts the
-    object to text."""
+    """The tables and keys of an experiment file that a design writes. tomlkit.dumps converts such a
+    dict to text."""
 
     title: str
     model: str
@@ -46,7 +46,7 @@ class ExperimentText(TypedDict, total=False):
 
 
 def document(experiment: Path) -> ExperimentText:
-    """Returns an experiment file as a document that keeps the comments of the file."""
+    """Returns an experiment file as an editable document that keeps the comments of the file."""
     found: Any = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
     text: ExperimentText = found
     return text
@@ -59,8 +59,8 @@ def firmware_values(experiment: Path | None) -> dict[str, float]:
 
 
 def firmware_table(experiment: Path | None) -> dict[str, float | str]:
-    """Returns the keys of an experiment's table [firmware] with the values of the file. The result
-    is empty without an experiment."""
+    """Returns the table [firmware] of an experiment, with the values as they are in the file. The
+    result is empty without an experiment."""
     if experiment is None:
         return {}
     table: dict[str, float | str] = toml.read(experiment).get("firmware", {})

@@ -1,8 +1,8 @@
-"""Writes the files of a design: experiments with the filter bank, and the firmware objects of the
-bank.
+"""Writes the files of a design: experiments that use the filter bank, and a file with the firmware
+objects of the bank.
 
-bank.toml contains the objects with engineering values, in the order in which an axis accepts them.
-They are in a table [firmware], which can be copied into an experiment or written to an axis.
+bank.toml contains the engineering values of the objects, in the order in which an axis accepts
+them. They are in a table [firmware], which can be copied into an experiment or written to an axis.
 """
 
 import datetime
@@ -27,7 +27,7 @@ EPOCH = datetime.date(1984, 1, 1)  # date that corresponds to day 0 of the objec
 
 def signed(name: str, value: float) -> float:
     """Returns the engineering value of an object with the correct sign. `value` is a number from
-    `_core.inputs`, which gives a negative value as an unsigned number."""
+    `_core.inputs`, in which negative values appear as large unsigned numbers."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -36,9 +36,9 @@ def signed(name: str, value: float) -> float:
 def tolerance_per_mille(
     ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
 ) -> int:
-    """Returns the smallest tolerance in per mille among the parameters of a set of plants that have
-    the unit `unit`, or 0 if no parameter has this unit. `ranges` is {parameter: (nominal, low,
-    high)}."""
+    """Returns the smallest tolerance in per mille among the parameters whose unit is `unit`.
+    `ranges`: {parameter: (nominal, low, high)} of a set of plants. Returns 0 if no parameter has
+    this unit."""
     shares = [
         min(nominal - low, high - nominal) / nominal
         for name, (nominal, low, high) in ranges.items()
@@ -51,10 +51,11 @@ def bank_objects(
     experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
-    """Returns {object: engineering value} of the filter bank in an experiment file. The order is:
-    sensor, bank, certificate, limits after a contact loss, selection of the bank.
+    """Returns {object: engineering value} of the filter bank in an experiment file. The objects
+    have this order: force sensor, bank, certificate, limits after a contact loss, selection of the
+    bank.
 
-    `worst_ms` is the largest Ms over the set of plants; `date` is the date of the certificate.
+    `worst_ms`: largest Ms over the set of plants. `date`: date of the certificate.
     """
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
@@ -84,8 +85,8 @@ def bank_objects(
 
 class NewFolder:
     """Context that writes a new folder completely or not at all. The files are first written to a
-    temporary folder, which is renamed at the end of the context. An exception deletes the temporary
-    folder."""
+    temporary folder, which is renamed at the end of the context. After an exception, the temporary
+    folder is deleted."""
 
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
@@ -104,7 +105,7 @@ class NewFolder:
         return path
 
     def reference(self, path: str | Path) -> str:
-        """Returns the relative path of a file, as seen from the final folder."""
+        """Returns the path of a file relative to the new folder."""
         return os.path.relpath(Path(path).resolve(), self.parent.resolve() / self.out.name)
 
     def __exit__(
@@ -138,8 +139,8 @@ def write(
     """Writes the experiments and bank.toml of a design into a folder, and returns the names of the
     files.
 
-    `own` is the user's experiment, of which the folder gets a copy with the filter bank. `date` is
-    the date of the certificate; None means today.
+    `own` is the user's experiment. The new folder gets a copy of it with the filter bank. `date` is
+    the date of the certificate, or None for today.
     """
     names = []
     model = folder.reference(bench.model)
@@ -150,14 +151,14 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # The files are read from the folder of the bench.
-    # A path relative to the new folder is valid only after the folder has the final name.
+    # The experiment is read from the temporary folder of the bench. A path relative to the new
+    # folder is valid only after the new folder has its final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
         outcome.worst.largest_ms, outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
-    if outcome.slowed:  # the axis gets the approach speed of the simulated contacts
+    if outcome.slowed:  # bank.toml contains the slower approach speed of the simulated contacts
         values = {"approach_velocity_max": bench.approach_count_per_s(case)} | values
     contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}

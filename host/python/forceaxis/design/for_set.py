@@ -1,8 +1,8 @@
 """Designs a force law for a set of plants: search, simulation with the firmware, files.
 
 The search (`search`) uses the linear set of plants. The simulation (`simulate`) may then reduce the
-gain of the law, and the result names each reduction. If another structure of the law has more
-bandwidth after such a reduction, that structure is chosen. `files` writes the design.
+gain of the law, and the result names each reduction. If another structure of the law then has more
+bandwidth, that structure is chosen. `files` writes the design.
 """
 
 import contextlib
@@ -29,19 +29,21 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, set_of
 
-# control law with which the visited modes are found: share of the critical gain of P, integral rate
+# The modes that a contact visits are found with a law of integral action: its gain as a share of
+# the critical gain of P, and its integral rate.
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
-Say = Callable[[str], None]  # function that shows a text about the progress of a design to the user
-# Function that writes the page of a design into a folder.
-# The last argument of this function is the path of the experiment that the user shall run.
+Say = Callable[[str], None]  # function that shows the user a text about the progress of a design
+# Function that writes the HTML page of a design into a folder.
+# The last argument of the function is the path of the experiment that the user shall run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# function: name of a structure -> design with this structure; None if no gain keeps the margins
+# Function that returns the design for a named structure of the law, or None if no gain keeps the
+# margins.
 Instead = Callable[[str], DesignOutcome | None]
 
 
 def check(order: DesignOrder) -> None:
-    """Raises InputError if a value of the order is out of range for every model."""
+    """Raises InputError if a value of the request for a design is out of range for every model."""
     for name, value, low in (
         ("ms", order.ms, 1.0),
         ("gain_margin", order.gain_margin, 1.0),
@@ -62,10 +64,10 @@ def check(order: DesignOrder) -> None:
 
 
 def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
-    """Returns the set of plants of an order.
+    """Returns the set of plants for a request for a design.
 
-    The set has all modes, or the modes that occur in a simulated contact. The law of this
-    simulation has a small gain, and integral action so that the force reaches the set-points.
+    The set has all modes, or only the modes that occur in a simulated contact. The law of this
+    simulation has a small gain. It has integral action, so that the force reaches the set-points.
     """
     plant = bench.design
     ranges, together = set_of(plant.model, order.over, plant.overrides)
@@ -85,8 +87,9 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
-    """Returns `modes` and the modes that occur in two simulations with a filter bank, without
-    duplicates. The two simulations are the largest force and an impact. A mode is {element: state}.
+    """Returns `modes` and all modes that occur in two simulations with a filter bank, without
+    duplicates. The simulations are a contact at the largest force, and an impact. A mode is
+    {element: state}.
     """
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
@@ -106,8 +109,9 @@ def design(
     """Designs a force law for a set of plants, and writes the design to the new folder `out` unless
     `out` is None. The folder is written completely or not at all.
 
-    progress(text) is called at every step. write_page: writes the page of the design into the
-    folder, as `forceaxis.pages.design.write`. Raises InputError, SimulationError.
+    progress(text) is called at every step. write_page: function that writes the HTML page of the
+    design into the folder, such as forceaxis.pages.design.write(). Raises InputError,
+    SimulationError.
     """
     check(order)
     say = progress or (lambda text: None)
@@ -140,8 +144,8 @@ def design(
 
 
 def expect_no_dead_law(plant: Design, outcome: DesignOutcome) -> None:
-    """Raises InputError if the command for the smallest set-point of a design rounds to 0. Without
-    set-points, the range of the sensor is used in place of the set-point."""
+    """Raises InputError if the DAC code for the smallest set-point of a design rounds to 0. Without
+    set-points, the range of the sensor is used instead."""
     whole = 128 * abs(plant.facts.required_reading.per_count)
     setpoint = min(outcome.order.forces_N, default=whole)
     if reason := plant.facts.dead_law(outcome.bank.gain_at_rest(), setpoint):
@@ -149,8 +153,8 @@ def expect_no_dead_law(plant: Design, outcome: DesignOutcome) -> None:
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
-    """Returns the firmware settings of an order. The approach speed is in encoder counts per
-    second."""
+    """Returns the firmware settings of a request for a design. The approach speed is in encoder
+    counts per second."""
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
@@ -171,8 +175,8 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """Returns (result of the search, function that returns the result with a different structure of
-    the law)."""
+    """Returns (design, function). The design is the result of the search. The function returns the
+    result with another structure of the law."""
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer: search.SearchResult) -> DesignOutcome:
@@ -203,13 +207,13 @@ def found(
 def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
-    """Returns (design, bench) after the simulation of contacts, with the gain and the approach
-    speed at which all contacts are stable.
+    """Returns (design, bench) after the simulation of contacts. All contacts are stable with the
+    gain of this design, at the approach speed of this bench.
 
-    The function changes the structure of the law if a different structure then has more bandwidth.
-
-    The approach becomes slower if contacts do not settle or are lost more than LOSSES_MAX times,
-    unless the order gives a speed. Raises InputError if no gain makes the contacts stable.
+    If another structure of the law then has more bandwidth, the function changes the structure. If
+    contacts do not settle, or are lost more than LOSSES_MAX times, the approach becomes slower. An
+    approach speed in the request for the design is not changed. Raises InputError if no gain makes
+    the contacts stable.
     """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = order.latencies
@@ -246,9 +250,9 @@ def simulated(
 def calmer(
     bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
 ) -> tuple[float, ContactBench]:
-    """Returns (share of the approach speed, bench at this speed) with the smallest number of
-    contact losses due to the impact alone. Among equal numbers, the function selects the fastest
-    speed."""
+    """Returns (share, bench): a share of the approach speed, and the bench at this reduced speed.
+    The impact alone then causes the smallest number of contact losses. If several speeds have the
+    same number, the fastest one is chosen."""
     # {share of the approach speed: number of contact losses due to the impact alone}
     fewest: dict[float, int] = {}
     for share in simulate.SPEED_SHARES[1:]:
@@ -266,9 +270,9 @@ def settled(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
-    """Returns the design with the largest bandwidth whose simulated contacts settle. The structure
-    of the law may differ from that of the search. Raises InputError if no simulated contact
-    settles."""
+    """Returns the design with the largest bandwidth whose simulated contacts settle. Its structure
+    of the law may differ from that in the result of the search. Raises InputError if no simulated
+    contact settles."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -282,7 +286,8 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First, the gain of each structure is reduced while its bandwidth exceeds that of the next one.
+    # At first, the gain of a structure is reduced only while its bandwidth exceeds that of the next
+    # structure.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -314,9 +319,9 @@ def contact_members(
 ) -> list[Plant]:
     """Returns the plants on which contacts are simulated, each as {parameter: SI value}.
 
-    These are the nominal plant, the plants without friction and with the most friction, and random
-    plants of the set with random friction. A friction parameter of the set keeps its range in the
-    set.
+    The plants are the nominal plant, one plant without dry friction and one with the most, and
+    random plants of the set with random friction. A friction parameter that belongs to the set
+    keeps its range in the set.
     """
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
@@ -329,15 +334,15 @@ def contact_members(
 
 def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
     """Returns random plants of a set of plants in the nominal mode, each as {parameter: SI value}.
-    Values that change together have the same alternative; the alternatives are used in turn."""
+    Values in `together` change together: each plant takes the next alternative of them in turn."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
 def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
-    """Returns the worst bandwidth and margins of a filter bank over the plants of a design.
-    The gain of the bank was reduced before."""
+    """Returns the worst bandwidth and margins over the plants of a design, with a filter bank whose
+    gain was reduced."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
         for timing in outcome.order.goal(outcome.bits).timings
@@ -360,7 +365,7 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
 def _smallest(
     found: Mapping[str, sets.Worst], name: str
 ) -> tuple[float | None, tuple[Member, str] | None]:
-    """Returns (smallest value of the field `name`, (plant, delay of the loop) with this value), or
-    (None, None) if the field has no value for any plant."""
+    """Returns (smallest value of the field `name`, (plant, delay of the loop) that has this value).
+    Returns (None, None) if the field has no value for any plant."""
     known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
     return min(known, key=lambda one: one[0], default=(None, None))

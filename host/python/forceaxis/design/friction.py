@@ -1,4 +1,4 @@
-"""Range of dry friction with which contacts are simulated.
+"""Range of the dry friction in simulated contacts.
 
 The dry friction of a model is uncertain, because it depends on grease, wear and load. A control law
 that needs the damping effect of friction may oscillate without friction. A control law for an axis
@@ -39,17 +39,17 @@ class FrictionRange:
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """Returns {parameter: force in N} with the declared friction forces multiplied
+        """Returns {parameter: force in N}, in which the declared friction forces are multiplied
         by `share`."""
         return {name: share * value for name, value in self.declared_N}
 
 
 def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
-    """Returns the friction elements of a model whose friction force is a parameter and smaller than
-    the drive's force.
+    """Returns those friction elements of a model whose force is a parameter. The friction force
+    must also be smaller than the force of the drive.
 
-    The friction is simulated up to twice its declared value. If the mean of 1 and the ratio of
-    drive force to breakaway force is less than 2, this mean replaces the factor 2.
+    The friction is simulated up to twice its declared value. A smaller factor replaces the factor
+    2: the mean of 1 and the ratio of drive force to breakaway force, if this mean is below 2.
     """
     arriving = working.arriving_N(model, overrides)
     found = []
@@ -64,8 +64,8 @@ def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[Frict
 
 
 def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
-    """Returns two plants as {parameter: force in N}: the plant without friction, and the plant with
-    the largest value of each friction. The result is empty for a model without friction."""
+    """Returns two plants as {parameter: force in N}: a plant without friction, and a plant with the
+    largest value of each friction force. The result is empty for a model without friction."""
     if not found:
         return []
     shares = ([0.0 for _ in found], [one.most for one in found])
@@ -85,8 +85,9 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 
 
 def named(model: Path) -> str | None:
-    """Returns the text of the model file in which parameters replace the numbers of friction
-    forces, so that a run can change these forces. Returns None if no friction force is a number."""
+    """Returns the text of the model file with a parameter in place of each number that is a
+    friction force, so that a run can change the forces. Returns None if no friction force is a
+    number."""
     document = model_file.document(model)
     changed = False
     for row in document.get("friction", ()):

@@ -1,9 +1,9 @@
-"""Frequency responses of a set of plants on a grid of frequencies, for the fast evaluation of force
-laws.
+"""Frequency responses of a set of plants on grids of frequencies, with which force laws are
+evaluated fast.
 
 The evaluation is in C++ (sim/linear/law_grid.hpp) and takes some microseconds for each plant. Each
-plant has its own grid of frequencies, which is dense near its poles and zeros, because a resonance
-is narrower than the steps of a common grid.
+plant has its own grid of frequencies. The grid is dense near the poles and zeros of this plant,
+because a resonance is narrower than the steps of a common grid.
 """
 
 from collections.abc import Sequence
@@ -22,23 +22,23 @@ from forceaxis.linear.system import find_model
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-POLE_ROUNDING_PER_S = 1e-7  # error of a pole at z = 1
+POLE_ROUNDING_PER_S = 1e-7  # rounding error of a pole at frequency 0, in 1/s
 LOWEST_HZ = 0.02  # lowest frequency of a grid
-THIN = 1 / 3  # density of a thin grid
-# Largest gain at high frequency in DAC codes per 8-bit count, for every resolution of the ADC.
-# The noise of the measured force in N does not decrease with a finer ADC.
+THIN = 1 / 3  # density of a thin grid relative to a full grid
+# Default of the largest gain at high frequency, in DAC codes per 8-bit count, for every ADC.
+# A finer ADC does not reduce the noise of the measured force in N.
 HF_DEFAULT = 80.0
-# share of the bound of `hf_gain` that a design uses, because the firmware rounds coefficients
+# A design uses this share of the bound of `hf_gain`, because the firmware rounds coefficients.
 HF_SHARE = 0.99
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds that a loop has to keep.
+    """Bounds that a force loop has to keep.
 
-    `ms`: largest |S| for each delay of the loop. `gain_margin`: factor. `phase_margin_deg`: in
-    degrees, None means no bound. `hf_gain`: largest gain at high frequency in DAC codes per 8-bit
-    count.
+    `ms`: largest |S| for each delay of the loop. `gain_margin`: smallest gain margin as a factor.
+    `phase_margin_deg`: smallest phase margin in degrees, None means no bound. `hf_gain`: largest
+    gain at high frequency in DAC codes per 8-bit count.
     """
 
     ms: tuple[float, ...]
@@ -61,10 +61,11 @@ class Bounds:
 class Goal:
     """The margins that a design has to keep over a set of plants.
 
-    ms, ms_late: largest |S| without and with a tick of delay; gain_margin: factor;
-    phase_margin_deg: None: no bound besides ms; adc_bits: of the force ADC; hf_gain: largest gain
-    at high frequency in DAC codes per 8-bit count, None: HF_DEFAULT; timings: of loops.TIMINGS;
-    ramp_s: rise time in s of the set-point that the force has to follow, None: follows from the
+    ms, ms_late: largest |S| without and with a tick of delay. gain_margin: smallest gain margin as
+    a factor. phase_margin_deg: smallest phase margin in degrees, None means no bound besides ms.
+    adc_bits: bits of the force ADC. hf_gain: largest gain at high frequency in DAC codes per 8-bit
+    count, None selects HF_DEFAULT. timings: delays of the loop, from loops.TIMINGS. ramp_s: rise
+    time in s of a set-point ramp that the force has to follow, None means that it follows from the
     bandwidth.
     """
 
@@ -78,11 +79,12 @@ class Goal:
     ramp_s: float | None = None
 
     def ms_of(self, timing: str) -> float:
-        """Returns the largest permitted |S| with a delay of the loop: "zoh" or "zoh+1"."""
+        """Returns the largest permitted |S| with the delay `timing` of the loop: "zoh" or
+        "zoh+1"."""
         return self.ms if timing == "zoh" else self.ms_late
 
     def bounds(self) -> Bounds:
-        """Returns the margins of the goal as bounds of a loop."""
+        """Returns the margins that the design has to keep, as bounds of a force loop."""
         most = hf_most(self.adc_bits)
         return Bounds(
             tuple(self.ms_of(timing) for timing in self.timings),
@@ -92,8 +94,8 @@ class Goal:
         )
 
     def hf_cure(self) -> str:
-        """Returns a text about a change of the axis or of the goal that permits a larger gain at
-        high frequency."""
+        """Returns a text about what would permit a larger gain at high frequency: a change of the
+        axis, or of the required margins."""
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
             return "an ADC of more bits permits a larger gain"
         if self.hf_gain:
@@ -112,7 +114,8 @@ class GridPlace(NamedTuple):
 
 class GainLimit(NamedTuple):
     """The largest gain that the bounds permit. `name`: bound that limits the gain ("hf", "ms",
-    "gm" or "pm"). `place`: point of the grid at which the loop reaches this bound, None for "hf".
+    "gm" or "pm"). `place`: point of the grid at which the loop reaches this bound, or None for
+    "hf".
     """
 
     gain: float
@@ -121,10 +124,10 @@ class GainLimit(NamedTuple):
 
 
 class GridFigures(NamedTuple):
-    """Figures of stable loops at a gain, arrays (plants, delays). fS_Hz: first frequency at which
-    |S| rises above -3 dB; fT_Hz: last frequency at which |T| falls below -3 dB. Both are 0 below
-    the grid, and half the tick rate above it. Ms: largest |S|. gain_margin, phase_margin_rad:
-    infinity if a loop has none."""
+    """Bandwidths and margins of stable loops at one gain, as arrays (plants, delays). fS_Hz: first
+    frequency at which |S| rises above -3 dB. fT_Hz: last frequency at which |T| falls below -3 dB.
+    Both are 0 if the frequency is below the grid, and half the tick rate if it is above the grid.
+    Ms: largest |S|. gain_margin, phase_margin_rad: infinity if a loop has no such margin."""
 
     fS_Hz: Samples
     fT_Hz: Samples
@@ -143,11 +146,11 @@ def hf_most(adc_bits: int) -> float:
 class Grid:
     """Frequency responses of a set of plants on a grid of frequencies.
 
-    Members without a path from the drive command to the measured force are left out of `members`.
+    Plants without a path from the drive command to the measured force are left out of `members`.
     timings: names of precise.DELAYS. density: ratio of the number of grid points to that of a full
-    grid. Figures have a relative error of about 0.001, and of one or two per cent at the density
-    THIN, because a peak may lie between two points of the grid. threads: number of threads, which
-    does not change a result. Raises InputError if no member has a path.
+    grid. Bandwidths and margins have a relative error of about 0.001. At the density THIN, the
+    error is one or two per cent, because a peak may lie between two points of the grid. threads:
+    number of threads. It does not change a result. Raises InputError if no plant has a path.
     """
 
     plants: PlantSet
@@ -172,42 +175,43 @@ class Grid:
         self, numbers: Samples, bounds: Bounds, ramp: _core.LawRamp | None = None,
         floors_Hz: Sequence[float] = (),
     ) -> Samples:  # fmt: skip
-        """Returns (bandwidth in Hz, largest gain) of each law, an array (laws, 2).
+        """Returns (bandwidth in Hz, largest gain) of each control law, as an array (laws, 2).
 
         numbers: one row for each law, in the form of `structures`. The bandwidth is that of the
-        worst plant at 0.97 times the largest gain; `ramp` reduces the bandwidth of a law with which
-        the force does not follow. floors_Hz: for each law the bandwidth below which the evaluation
-        may end early, with values that are too large. Both values are 0 for a law that the firmware
-        cannot store.
-        """
+        worst plant at 0.97 times the largest gain. With `ramp`, the bandwidth of a law is reduced
+        if the force does not follow this ramp. floors_Hz: one bandwidth for each law. If the
+        bandwidth of a law is below it, the evaluation may end early, with values that are too
+        large. Both values are 0 for a law that the firmware cannot store."""
         return self.core.evaluate(
             numbers, bounds.core, ramp, floors_Hz, COEFFICIENT_MAX, self.threads
         )
 
     def largest_gain(self, bank: Bank, hf_gain: float, bounds: Bounds) -> GainLimit:
         """Returns the largest gain at which the loops of all plants keep the bounds, and the bound
-        that limits this gain. The gain of `bank` is ignored. `hf_gain` is the gain at high
-        frequency of the bank with the gain 1."""
+        that limits this gain. The gain of `bank` is ignored. `hf_gain` is the gain of `bank` at
+        high frequency if its gain is 1."""
         gain, name, plant, delay, hz = self.core.largest_gain(law_shape(bank), hf_gain, bounds.core)
         return GainLimit(gain, name, None if name == "hf" else GridPlace(plant, delay, hz))
 
     def gains(self, bank: Bank, hf_gain: float, bounds: Bounds) -> Samples:
-        """Returns the gain of largest_gain() for each plant alone."""
+        """Returns the largest gain of each plant alone, as largest_gain() does for all plants."""
         return self.core.gains(law_shape(bank), hf_gain, bounds.core)
 
     def noise_gain(self, bank: Bank) -> float:
-        """Returns the largest magnitude of the filter bank with the gain 1 and without its integral
-        at the frequencies of the grid."""
+        """Returns the largest magnitude of a filter bank at the frequencies of the grid. The bank
+        has the gain 1 and no integral for this."""
         return self.core.noise_gain(law_shape(bank))
 
     def figures(self, bank: Bank) -> GridFigures:
         """Returns the bandwidths and margins of all loops with a filter bank. The gain of the bank
-        is at most that of largest_gain(), because the stability of the loops is not checked."""
+        must be at most that of largest_gain(), because the stability of the loops is not
+        checked."""
         values = self.core.figures(law_shape(bank), bank.force_gain)
         return GridFigures(*np.moveaxis(values, 2, 0))
 
     def ramp(self, members: Sequence[Member], ramp_s: float) -> _core.LawRamp:
-        """Returns the loops around some members that have to follow a ramp of the set-point of
-        `ramp_s` seconds. If the grid has none of the members, its first plant is used."""
+        """Returns the loops that have to follow a ramp of the set-point of `ramp_s` seconds. These
+        are the loops around `members`, or around the first plant if the grid has none of
+        `members`."""
         indices = [i for i, member in enumerate(self.members) if member in members]
         return self.core.ramp(indices or [0], ramp_s)

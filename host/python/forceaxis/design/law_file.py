@@ -1,5 +1,6 @@
-"""Reads the control law of the firmware from a file: an experiment, parameters of an axis (the
-bank.toml of a design, or the dump of an axis), or a design in JSON (design.json of a tuning)."""
+"""Reads the control law of the firmware from a file. The file is an experiment, a file with
+parameters of an axis (the bank.toml of a design, or the dump of an axis), or the design.json of a
+tuning."""
 
 from pathlib import Path
 
@@ -20,8 +21,8 @@ EXPECTED = (
 
 
 def law_of(text: str) -> LawText:
-    """Returns the control law that a text gives, either by itself (parse_law) or as the name of a
-    file that ends in .toml or .json. Raises ParameterError for the parameter `law`."""
+    """Returns the control law from `text`. The text is a law as for parse_law(), or the path of a
+    file whose name ends in .toml or .json. Raises ParameterError for the parameter `law`."""
     path = Path(text)
     read = {".toml": _of_toml, ".json": _of_design}.get(path.suffix)
     if read is None:
@@ -46,8 +47,8 @@ def _of_toml(path: Path) -> FirmwareLaw:
 
 
 def _of_parameters(path: Path) -> FirmwareLaw:
-    """Returns the law of force that parameters of an axis select. The mode of operation, which the
-    axis does not store, could select a law of motion."""
+    """Returns the force law that the parameters of an axis select. The mode of operation is not
+    used: an axis does not store it, and it could select a law of motion."""
     known = parameter_file.BY_NAME
     given = parameter_file.read(path, node_id=1)
     raw = {name: known[name].default for name in given.defaults} | given.values

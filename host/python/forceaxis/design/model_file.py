@@ -1,8 +1,8 @@
 """Reads the tables of a model file into dataclasses, and changes a model file without loss of
 comments.
 
-The compiled module computes with a model but does not tell from which parameter or text of the file
-a value comes. This module reads these names and texts.
+The compiled module computes with a model, but it does not tell which parameter name or text of the
+file gives a value. This module reads these names and texts.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="DataclassInstance")
 
-# value of a key in a model file: a number, a quantity with unit, or the name of a parameter
+# Value of a key in a model file: a number, a quantity with a unit, or the name of a parameter.
 Given = float | str
 
 
@@ -40,7 +40,7 @@ class ModelBody:
 class ModelLink:
     """One element [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies, or
     between a body and "ground". `width` belongs to a backlash. A field is None if the file does not
-    have the key, or has a list of several values there."""
+    have the key, or if the key has a list of several values."""
 
     name: str
     between: tuple[str, str]
@@ -62,7 +62,7 @@ class ModelFriction:
 
 @dataclass(frozen=True)
 class ModelAdc:
-    """One element [[adc]] of a model file, with the defaults of its keys."""
+    """One element [[adc]] of a model file. A key that the file does not have has its default."""
 
     channel: int
     bits: int = 8
@@ -72,7 +72,7 @@ class ModelAdc:
 
 @dataclass(frozen=True)
 class ModelDrive:
-    """The table [drive] of a model file, with the keys that a design changes or reads."""
+    """The table [drive] of a model file, with those keys that a design reads or changes."""
 
     type: str = ""
     b_m: Given | None = None
@@ -127,7 +127,7 @@ class ModelFile:
 
     @property
     def force_adc(self) -> ModelAdc:
-        """Returns the element [[adc]] of the force sensor, channel 0."""
+        """Returns the element [[adc]] on channel 0, which is that of the force sensor."""
         return next(adc for adc in self.adcs if adc.channel == 0)
 
     def body(self, name: str | None) -> ModelBody | None:
@@ -169,10 +169,10 @@ def _of_table(kind: type[T], table: JsonObject, where: str) -> T:
 @dataclass(frozen=True)
 class TableEdit:
     """New values for one element of a model file. If the file does not have the element, the edit
-    adds the element.
+    adds it.
 
-    kind: name of the array of tables, such as "spring"; key: name of the element, or channel of an
-    ADC; values: {key of the table: new value}.
+    kind: name of the array of tables, such as "spring". key: name of the element, or channel of an
+    ADC. values: {key of the table: new value}.
     """
 
     kind: str
@@ -181,11 +181,10 @@ class TableEdit:
 
 
 def document(model: str | Path) -> tomlkit.TOMLDocument:
-    """Returns a model file as a document that can be changed and that keeps the comments of the
-    file.
+    """Returns a model file as an editable document that keeps the comments of the file.
 
-    tomlkit.dumps gives the text of the document. The text is valid in any folder, because the path
-    of the parameters file is absolute.
+    tomlkit.dumps gives the text of the document. This text is valid in any folder, because it
+    contains the absolute path of the parameters file.
     """
     path = linear.find_model(model)
     found = tomlkit.parse(path.read_text(encoding="utf-8-sig"))

@@ -25,17 +25,18 @@ if TYPE_CHECKING:
 APPROACH_M_PER_S = 0.02  # largest approach speed of a new axis
 MOMENTUM_SHARE = 0.1  # peak force at the first contact as a share of the full scale of the sensor
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
-# shortest and longest usual electrical time constant L / R of a motor in s
+# Shortest and longest usual electrical time constant L / R of a motor, in s.
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
 DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
-# Ratio of the gains that a new axis gets first to the critical gain.
+# Ratio of the first gains of a new axis to the critical gains of its loops.
 # Contact loss makes a loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
 # Contact loss makes contact.toml unstable far below the critical gain.
-# Its gain is therefore lowered by RESERVE_STEP, at most to RESERVE_LEAST of the first gain.
-# The search ends when the simulated contact is stable with RESERVE times the gain too.
+# The gain of contact.toml is therefore lowered in steps, each by the factor RESERVE_STEP.
+# The search ends when the simulated contact is stable even with RESERVE times the gain.
+# The gain never falls below RESERVE_LEAST times the first gain.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
-STATIC_GAIN_MAX = 1e6  # static gain of a loop that has no integral
+STATIC_GAIN_MAX = 1e6  # a loop with a larger static gain has an integral
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
 HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
@@ -56,7 +57,8 @@ class AmplifierCircuit:
 
 @dataclass(frozen=True)
 class FirmwareTime:
-    """Value in ticks of a firmware object, and the sentence that explains it in the file."""
+    """Value in ticks of a firmware object, and the sentence that explains this value in the
+    file."""
 
     name: str
     ticks: int
@@ -67,8 +69,8 @@ class FirmwareTime:
 class AxisConstants:
     """Constants of the model that follow from the data sheet. The fields are in SI units and have
     the names of the model's parameters. r_trans, k_torque: 0 for a linear motor. circuit: None for
-    a drive with a control loop of its own. cycle_ticks: of the bus, 1 without a bus. times: see
-    firmware_times()."""
+    a drive with a control loop of its own. cycle_ticks: cycle of the bus in ticks, 1 without a bus.
+    times: result of firmware_times()."""
 
     v: SheetValues
     r_trans: float
@@ -103,8 +105,8 @@ def amplifier_circuit(v: SheetValues) -> AmplifierCircuit:
         )  # fmt: skip
     k_tach = v.tachometer_v_s_per_rad or full_V * r / speed
     # Without filter and inductance, (R + k_amp k_current) i = k_amp (k_preamp_cmd u -
-    # k_preamp_fdbk k_tach v/r) - k_back_emf v/r, and k_torque/r i - b v has to equal D
-    # (speed/full_V u - v).
+    # k_preamp_fdbk k_tach v/r) - k_back_emf v/r. The force k_torque/r i - b v has to equal
+    # D (speed/full_V u - v).
     D = 2 * math.pi * v.velocity_loop_hz * mass
     b = v.guide_damping_n_s_per_m + v.motor_damping_n_m_s_per_rad / r**2
     Z = R + k_amp * k_current
@@ -123,8 +125,8 @@ def amplifier_circuit(v: SheetValues) -> AmplifierCircuit:
 
 
 def bus_ticks(v: SheetValues) -> int:
-    """Returns the cycle of the bus in ticks, 1 without a bus. Raises InputError if the cycle is no
-    multiple of 2 ms, which are 3 ticks."""
+    """Returns the cycle of the bus in ticks, or 1 without a bus. Raises InputError if the cycle is
+    not a multiple of 2 ms (3 ticks)."""
     if v.bus_cycle_ms is None:
         return 1
     if v.bus_cycle_ms % 2:
@@ -135,9 +137,9 @@ def bus_ticks(v: SheetValues) -> int:
 
 
 def firmware_times(v: SheetValues) -> list[FirmwareTime]:
-    """Returns the times of firmware objects that follow from the cycle of the bus, the rate of the
-    sensor and the start of the drive, for the objects whose default is too short. Raises
-    InputError if the cycle is no multiple of 2 ms."""
+    """Returns the times of those firmware objects whose default is too short for the axis. The
+    times follow from the cycle of the bus, the rate of the sensor and the start of the drive.
+    Raises InputError if the cycle of the bus is not a multiple of 2 ms."""
     cycle = bus_ticks(v)
     period = bus_times.TICKS_PER_MS * 1e3 / v.sensor_rate_hz if v.sensor_rate_hz else 0.0
     reading = v.sensor_latency_ms * bus_times.TICKS_PER_MS + period
@@ -199,7 +201,7 @@ def doubts(v: SheetValues) -> list[str]:
 
 def stuck(v: SheetValues, first: "First") -> list[str]:
     """Returns one-line texts that explain why the axis does not reach the workpiece with the first
-    law."""
+    force law."""
     if first.friction_most is not None:
         return []
     back_N = -min(v.weight_n, 0.0)
@@ -213,7 +215,7 @@ def stuck(v: SheetValues, first: "First") -> list[str]:
 
 
 def within(name: str, value: float) -> float:
-    """Returns the value limited to the range of the firmware object `name`."""
+    """Returns `value`, limited to the range of the firmware object `name`."""
     known = objects.BY_NAME[name]
     return min(max(value, known.min * known.scale), known.max * known.scale)
 
@@ -226,26 +228,27 @@ class First:
     limit: float
     gain: float
     setpoint: float
-    held: float  # settled force without integral action as a share of the force set-point
-    contact_s: float  # duration of contact.toml
+    held: float  # settled force as a share of the force set-point; 1 with integral action
+    contact_s: float  # duration of the experiment contact.toml
     position_limit: float
     position_gain: float
     distance_m: float
     speed_m_per_s: float
     acceleration_m_per_s2: float
-    step_s: float  # duration of step.toml
+    step_s: float  # duration of the experiment step.toml
     # force of the axis in N at the start of the approach: force of the DAC code plus weight
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
     raised: bool  # True if the force set-point was increased to overcome the friction
-    # factor by which the gain can rise while the simulated contact stays stable; None: not known
+    # Factor by which the gain can rise while the simulated contact stays stable. None: not known.
     reserve: float | None = None
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
-    """Returns the approach speed in m/s, at most APPROACH_M_PER_S. With the speed v, the peak force
-    of the first contact, v sqrt(k m), is the share MOMENTUM_SHARE of the full scale of the sensor.
+    """Returns the approach speed in m/s, at most APPROACH_M_PER_S. At the speed v, the peak force
+    of the first contact is v sqrt(k m). This peak force is at most the share MOMENTUM_SHARE of the
+    full scale of the sensor.
     """
     v, stiffness = axis.v, axis.v.sensor_stiffness_n_per_m
     force = MOMENTUM_SHARE * v.sensor_full_scale_n
@@ -260,18 +263,18 @@ def highest_gain(loop: "Loop", volts_per_code: float) -> float:
 
 
 def first_gain(limit: float) -> float:
-    """Returns the first gain of a loop: the share FIRST_GAIN_SHARE of the highest stable gain
-    `limit`, but at least the smallest gain that the firmware stores."""
+    """Returns the first gain of a loop: FIRST_GAIN_SHARE times the highest stable gain `limit`, but
+    at least the smallest gain that the firmware stores."""
     return max(1, math.floor(limit * FIRST_GAIN_SHARE * 256)) / 256
 
 
 def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) -> First:
     """Returns the first gains of a new axis as a share of the critical gains of the force loop and
-    the position loop. `lower`: gain of the force loop that replaces its share.
+    of the position loop. `lower`: gain of the force loop that is used instead of its share.
 
-    The force set-point is a quarter of the sensor range, or a quarter of the drive's peak force if
-    that is smaller. The set-point is larger if the approach has to overcome the weight and twice
-    the dry friction.
+    The force set-point is a quarter of the sensor range, or of the drive's peak force if that is
+    smaller. The set-point is larger if the approach has to overcome the weight and twice the dry
+    friction.
     """
     from forceaxis import linear
     from forceaxis.linear import loops
@@ -316,7 +319,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     usual, setpoint = setpoint, max(setpoint, min(math.ceil(need * 256) / 256, highest))
     of_command, of_force = plant.at(0.0).real.ravel()
     static = gain * volts * of_command
-    # The force of a drive with an integral in its velocity loop rises until the error is 0.
+    # If the drive has an integral in its velocity loop, its force rises until the force error is 0.
     integrates = not static < STATIC_GAIN_MAX
     held = 1.0 if integrates else (static + of_force * weight / setpoint) / (1 + static)
     rate = force.decay(gain * volts)
@@ -326,7 +329,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     # The duration is sufficient at a tenth of the speed, except if the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
-    pushes += weight  # N, at standstill
+    pushes += weight  # N, with the weight, at standstill
     most = friction_most(dry, pushes)
     if most is not None:
         slowest = (pushes - most * dry) * speed_per_N
@@ -349,9 +352,9 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
 def with_reserve(
     axis: AxisConstants, trial: Path, first: First, contact: Callable[[First], str]
 ) -> First:
-    """Returns first gains with which contact.toml is stable up to RESERVE times its force gain, as
-    the firmware is simulated. Returns `first` if the axis does not come into contact, or if no such
-    gain is found.
+    """Returns first gains with which contact.toml is stable in the simulation of the firmware, up
+    to RESERVE times its force gain. Returns `first` if the axis does not come into contact, or if
+    no such gain is found.
 
     trial: folder with the model. contact: function that returns the text of contact.toml.
     """
@@ -376,7 +379,7 @@ def with_reserve(
 
 
 def unstable_drive(v: SheetValues) -> ParameterError:
-    """Returns the error for a drive that is unstable before a force loop is closed."""
+    """Returns the error for a drive that is unstable even before a force loop is closed."""
     if v.drive == "torque":
         return ParameterError(
             "torque_damping_n_s_per_m", "expected a damping with which the drive is stable with "
@@ -400,8 +403,8 @@ def friction_most(dry_N: float, pushes_N: float) -> float | None:
     """Returns the multiple of the declared dry friction that an approach with the force `pushes_N`
     overcomes.
 
-    The multiple is 2, or the mean of 1 and the largest multiple if this mean is less than 2. None:
-    the force does not overcome the declared friction.
+    The multiple is 2. If the mean of 1 and the largest multiple is less than 2, it is this mean.
+    The result is None if the force does not overcome the declared friction.
     """
     if pushes_N <= dry_N:
         return None
@@ -410,7 +413,7 @@ def friction_most(dry_N: float, pushes_N: float) -> float | None:
 
 @functools.cache
 def _template(name: str) -> jinja2.Template:
-    """Returns the compiled template of one of FILES."""
+    """Returns the compiled template of the file `name`, one of FILES."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -470,17 +473,17 @@ def render(
 
 @dataclass(frozen=True)
 class BankForAxis:
-    """The filter bank that was designed for a new axis, and the P law at the same margins."""
+    """The filter bank that was designed for a new axis, and the P law with the same margins."""
 
     over: list[str]  # tolerances of the set of plants as texts NAME=PERCENT%
     modes: list[dict[str, str]]  # {element: state} of each mode of the set of plants
     structure: str
     bank: BankKeys
-    fS_Hz: float  # bandwidth over the set
-    # bandwidth of the P law over the set of plants; None if no gain of P keeps the margins
+    fS_Hz: float  # bandwidth of the filter bank over the set of plants
+    # bandwidth of the P law over the set of plants; None if no gain of the P law keeps the margins
     p_fS_Hz: float | None
-    p_force_gain: float  # DAC codes per 8-bit count
-    p_static_error: float | None  # share of the set-point
+    p_force_gain: float  # force_gain of the P law in DAC codes per 8-bit count
+    p_static_error: float | None  # static error with the P law as a share of the set-point
     limited_by: str  # sentence about the bound that limits the bandwidth
     approach_m_per_s: float
 
@@ -492,7 +495,7 @@ class BankForAxis:
 
 @dataclass(frozen=True)
 class NoBank:
-    """Result in place of BankForAxis if a new axis has no filter bank. `refused` is the reason."""
+    """Result instead of BankForAxis if a new axis has no filter bank. `refused` is the reason."""
 
     refused: str
 
@@ -503,18 +506,18 @@ class NewAxis:
 
     folder: str
     files: list[str]
-    total_mass_kg: float  # moving mass plus the inertia of the rotor as a mass at the axis
+    total_mass_kg: float  # moving mass plus rotor inertia as a mass at the axis
     mass_with: str  # end of the sentence about `total_mass_kg`
     force_limit_gain: float  # largest force_gain at which the linear force loop is stable
-    force_gain: float  # DAC codes per 8-bit count
+    force_gain: float  # gain of contact.toml in DAC codes per 8-bit count
     # factor by which force_gain can rise while the contact of contact.toml stays stable, or None
     force_gain_reserve: float | None
-    force_setpoint: float  # 8-bit counts
+    force_setpoint: float  # force set-point in 8-bit counts
     setpoint_N: float
     held_share: float  # settled force in contact.toml as a share of the force set-point
-    # end of the sentence about `held_share`: tells if weight and dry friction are included
+    # end of the sentence about `held_share`: states whether weight and dry friction are included
     held_with: str
-    position_gain: float  # DAC codes per encoder count
+    position_gain: float  # position gain in DAC codes per encoder count
     design: BankForAxis | NoBank | None  # None if the user did not request a filter bank
     defaults: list[str]  # names of the data-sheet values that are defaults
     doubts: list[str]  # sentences about data-sheet values that are possible but unlikely
@@ -530,8 +533,8 @@ def write(
 ) -> NewAxis:
     """Writes the model and the experiments of a new axis to `folder`, either all files or no file.
 
-    values, sources: as data_sheet.collect() returns them. design: own_axis.design, or None for an
-    axis without a bank.
+    values, sources: results of data_sheet.collect(). design: own_axis.design, or None for an axis
+    without a filter bank.
     """
     folder = Path(folder)
     title = folder.name
@@ -584,15 +587,15 @@ def write(
 
 
 def held_with(v: SheetValues) -> str:
-    """Returns the end of the sentence about the force at which contact.toml settles. The text tells
-    if the force includes the weight and if dry friction may change the force."""
+    """Returns the end of the sentence about the force at which contact.toml settles. The text
+    states whether the force includes the weight, and whether dry friction may change the force."""
     text = "" if v.inclination_deg is None else ", the weight's part included"
     return text + (", plus or minus the dry friction" if v.guide_coulomb_n else "")
 
 
 def refuse_existing(folder: Path, force: bool) -> None:
-    """Raises InputError if `folder` is a file, or if `folder` contains files of an axis and `force`
-    is False. `force` means that the user permits to replace the files."""
+    """Raises InputError if `folder` is a file. Also raises it if `folder` contains files of an axis
+    and `force` is False. `force`: True if the user permits to replace the files."""
     if folder.exists() and not folder.is_dir():
         raise InputError(
             f"{folder}: expected the name of a new or existing folder, got a file; choose another "

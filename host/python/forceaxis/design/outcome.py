@@ -1,4 +1,4 @@
-"""Order and result of a design, and tables of the simulated contacts."""
+"""Request and result of a design, and tables of its simulated contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,34 +17,36 @@ from forceaxis.linear.working import Working
 from forceaxis.results import json_field
 from forceaxis.words import counted
 
-LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}  # values of latency_ticks
+# {latency of the request: values of latency_ticks}
+LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
 TIMINGS = ("zoh", "zoh+1")  # names of the delays in loops.TIMINGS for a latency of 0 and of 1 tick
 MEMBERS = 12  # number of random plants on which contacts are simulated
 
 
-LATE = 1.1  # largest permitted Ms with one tick of latency as a multiple of that without
+LATE = 1.1  # largest permitted Ms with one tick of latency, relative to Ms without latency
 
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """The order for a design: model, set of plants, margins and simulated contacts."""
+    """The request for a design: model, set of plants, margins and simulated contacts."""
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH
     overrides: Mapping[str, float | str] = field(default_factory=dict)  # {parameter: value}
-    together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
+    # sets of values that change together, as in PlantSet
+    together: tuple[dict[str, float], ...] = ({},)
     modes: str = "visited"
     # {element: state} that all plants of the set of plants have
     states: dict[str, str] = field(default_factory=dict)
-    ms: float = 2.0  # largest permitted Ms; LATE times as much with one tick of latency
+    ms: float = 2.0  # largest permitted Ms; with one tick of latency, LATE times this value
     gain_margin: float = 2.3  # smallest permitted gain margin as a factor of the gain
-    adc_bits: int | None = None  # None: that of the model
+    adc_bits: int | None = None  # bits of the force ADC; None: those of the model
     latency: str = "both"  # a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
-    # rise time in s of the ramp of the force set-point that the force has to follow
+    # rise time in s of a force set-point ramp that the force has to follow
     ramp_s: float | None = None
-    # values of firmware objects in addition to the values in the experiment
+    # values of firmware objects that replace or add to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # Force set-points of the simulated first contacts in N.
     # If empty, the ranges of sensor and drive determine the force set-points.
@@ -60,7 +62,7 @@ class DesignOrder:
         return LATENCIES[self.latency]
 
     def goal(self, adc_bits: int) -> Goal:
-        """Returns the margins of the order for an ADC of `adc_bits` bits."""
+        """Returns the required margins of this request for an ADC of `adc_bits` bits."""
         return Goal(
             ms=self.ms, ms_late=LATE * self.ms, gain_margin=self.gain_margin, adc_bits=adc_bits,
             timings=tuple(TIMINGS[latency] for latency in self.latencies), hf_gain=self.hf_gain,
@@ -73,10 +75,10 @@ class ContactLoss:
     """The selected limits after a contact loss, and the impacts that the control law tolerates with
     these limits.
 
-    contact_loss_cap: DAC codes; contact_loss_dwell: ms. The impulses are in N s. strike_N_s: every
-    impact up to this impulse is stable at both lower set-points; strike_default_N_s: the same
-    impulse with the default limits of the firmware; strike_hardest_N_s: largest simulated impulse.
-    An impulse of 0 means that the smallest simulated impact is unstable.
+    contact_loss_cap: DAC codes. contact_loss_dwell: ms. The impulses are in N s. strike_N_s: every
+    impact up to this impulse is stable at both lower set-points. strike_default_N_s: the same
+    impulse with the default limits of the firmware. strike_hardest_N_s: largest simulated impulse.
+    An impulse of 0 means that even the smallest simulated impact is unstable.
     """
 
     contact_loss_cap: int
@@ -95,8 +97,8 @@ class ContactLoss:
 
     @property
     def text(self) -> str:
-        """Returns a sentence about the impacts that the law tolerates, with ">=" if the largest
-        simulated impact is stable."""
+        """Returns a sentence about the impacts that the law tolerates. The impulse has the prefix
+        ">=" if the largest simulated impact is stable."""
         own, default = (
             (">= " if impulse == self.strike_hardest_N_s else "") + f"{impulse:.3g}"
             for impulse in (self.strike_N_s, self.strike_default_N_s)
@@ -108,14 +110,14 @@ class ContactLoss:
 class SlowedApproach:
     """A reduction of the approach speed because contacts were lost.
 
-    `losses_before` and `losses` are the largest numbers of contact losses of a simulated first
-    contact at the original and at the reduced speed. `longer_s` is the additional time in s until
-    the first contact.
+    `losses_before` is the largest number of contact losses in a simulated first contact at the
+    original speed, and `losses` is that at the reduced speed. `longer_s` is the additional time in
+    s until the first contact.
     """
 
     from_m_per_s: float
     to_m_per_s: float
-    # number of contact losses at the original speed; None: the force does not settle at this speed
+    # number of contact losses at the original speed; None: the force does not settle at that speed
     losses_before: int | None
     losses: int
     longer_s: float
@@ -135,12 +137,12 @@ class SlowedApproach:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """The result of a design, which a tuning also stores.
+    """The result of a design. A tuning also stores it.
 
-    over: {parameter: (nominal, low, high)} in SI units; together: {parameter: SI value} that change
-    together; modes: {element: state} of each mode; friction_N: {parameter: (low, high)} of the
-    simulated contacts; gain_reductions: number of reductions by a tenth; passed_over: {structure:
-    reason why it was not chosen}.
+    over: {parameter: (nominal, low, high)} in SI units. together: {parameter: SI value} of the
+    parameters that change together. modes: {element: state} of each mode. friction_N: {parameter:
+    (low, high)} in the simulated contacts. gain_reductions: number of reductions of the gain by a
+    tenth. passed_over: {structure of the law: reason why it was not chosen}.
     """
 
     model: str
@@ -169,12 +171,12 @@ class DesignResult:
 
 @dataclass
 class DesignOutcome:
-    """The data of a design during the search of the law, the simulation and the writing of
-    files."""
+    """The data of a design, which its three steps fill: the search for the law, the simulation, and
+    the writing of files."""
 
     order: DesignOrder
     plants: PlantSet
-    units: dict[str, str]  # {parameter: its unit}
+    units: dict[str, str]  # {parameter: unit of the parameter}
     bits: int
     bank: Bank
     worst: WorstFigures
@@ -185,7 +187,7 @@ class DesignOutcome:
     loss: ContactLoss | None = None
     rows: list[SimulatedContact] = field(default_factory=list)
     cuts: list[GainCut] = field(default_factory=list)
-    # {name of a law's structure: reason why the design does not use this structure}
+    # {structure of the law: reason why the design does not use it}
     passed_over: dict[str, str] = field(default_factory=dict)
     out: str | None = None
     written: list[str] = field(default_factory=list)
@@ -195,12 +197,12 @@ class DesignOutcome:
 
     @property
     def ranges(self) -> dict[str, tuple[float, float, float]]:
-        """Returns {parameter: (nominal, low, high)} of the set of plants."""
+        """Returns {parameter: (nominal, low, high)} for the set of plants."""
         return self.plants.ranges
 
     @property
     def backoffs(self) -> int:
-        """Returns the number of times that the simulation has reduced the gain by a tenth."""
+        """Returns how many times the simulation has reduced the gain by a tenth."""
         return len(self.cuts)
 
     @property
@@ -216,7 +218,7 @@ class DesignOutcome:
         return self.loss.objects if self.loss else {}
 
     def result(self) -> DesignResult:
-        """Returns the design as a result."""
+        """Returns the design in the form of its JSON result."""
         shown = self.working if self.working.text else None
         return DesignResult(
             model=paths.display(Path(self.plants.model)),
@@ -261,9 +263,8 @@ def cases(contacts: Sequence[SimulatedContact]) -> list[list[str]]:
     """Returns the rows of a table of simulated contacts with the columns CASE_HEAD. Each row
     belongs to one kind of contact and one control law.
 
-    A row has the number of stable contacts and the figures of the nominal plant at the first
-    latency. Contact losses, worst peak force and saturation are the largest values of all
-    contacts.
+    A row has the number of stable contacts, and values of the nominal plant at the first latency.
+    Contact losses, worst peak force and saturation are the largest values of all contacts.
     """
     grouped: dict[tuple[str, str], list[SimulatedContact]] = {
         (one.case, law): [] for one in contacts for law in ("design", "p")

@@ -1,4 +1,4 @@
-"""The last step of a new axis: designs a filter bank for the new axis, and writes an
+"""The last step of the creation of a new axis: designs a filter bank for the axis, and writes an
 experiment in which the axis makes contact with this bank."""
 
 import itertools
@@ -21,10 +21,10 @@ from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
 GAIN_SHARES = (1.0, 0.7, 0.5)  # gains to try, as shares of the designed gain
-# Permitted contact losses of a first contact in the first attempt and in the second attempt.
-# The second attempt is for a light workpiece.
+# Largest permitted number of contact losses in a first contact: in the first attempt, and in the
+# second attempt, which is for a light workpiece.
 LOSSES_MAX = (1, 3)
-# number of simulated plants with random friction, and seed of the random numbers
+# Number of simulated plants with random friction, and seed of their random numbers.
 RANDOM_FRICTIONS, SEED = 3, 1988
 
 
@@ -32,10 +32,10 @@ def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
     """Returns (text of the experiment HELD, filter bank) for the new axis in `folder`. The text is
     None if there is no bank.
 
-    The bank is designed for a tolerance of 30 % of the stiffness and mass of the workpiece, in
-    every linear range of the amplifier. The function then simulates combinations of approach speed,
-    action at a contact loss and gain, and chooses the first combination with which first contacts
-    and impacts settle. Each quantity starts at its largest value.
+    The bank is designed for a tolerance of 30 % of the workpiece's stiffness and mass, in every
+    linear range of the amplifier. The function then simulates combinations of approach speed,
+    limits after a contact loss, and gain. It chooses the first combination with which first
+    contacts and impacts settle. Each quantity starts at its largest value.
     """
     try:
         with Design(folder / CONTACT) as plant:
@@ -98,15 +98,16 @@ class SettledContact:
 
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
-    """Returns the first combination of approach speed, action at a contact loss and gain with which
-    the simulated contacts settle. Raises InputError if there is no such combination."""
+    """Returns the first combination of approach speed, limits after a contact loss, and gain with
+    which the simulated contacts settle. Raises InputError if there is no such combination."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # first combination with which contacts settle only after more than LOSSES_MAX[0] contact losses
+    # First combination with which contacts settle, but only after more than LOSSES_MAX[0] contact
+    # losses.
     spare: SettledContact | None = None
-    # A cap of 0 DAC codes, the default at a contact loss, is tried last with friction.
-    # The axis may stay at standstill with this cap.
+    # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
+    # The axis may stay at standstill with this default.
     for stands, gain, share in itertools.product(
         (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
     ):
@@ -139,11 +140,11 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
 
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:
-    """Returns the firmware objects for a contact loss in the order in which their values are
-    simulated.
+    """Returns values of the firmware objects for the time after a contact loss, in the order of
+    their simulation.
 
-    `stands` is True if only the defaults of the firmware are simulated, with which friction may
-    keep the axis at standstill.
+    `stands`: True if only the defaults of the firmware are simulated. With these defaults, friction
+    may keep the axis at standstill.
     """
     if stands:
         return [{}]
@@ -154,14 +155,14 @@ def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence
 
 
 def _text(bench: ContactBench, bank: Bank, loss: Mapping[str, int], losses: int) -> str:
-    """Returns the experiment of a first contact at the largest force, with limits of force error,
-    overshoot, peak, contact losses and saturation."""
+    """Returns the text of the experiment of a first contact at the largest force. The experiment
+    has limits of force error, overshoot, peak force, contact losses and saturation."""
     case = bench.largest
     document = bench.experiment(case, bank, loss, MODEL)
     document["title"] = f"{case.setpoint_N:.4g} N held by a designed bank"
     verdict = document.setdefault("verdict", {})
     for key in ("held_force_error_max_N", "peak_force_max_N"):
-        verdict.pop(key, None)  # limits in per cent remain valid at a different force set-point
+        verdict.pop(key, None)  # limits in per cent remain valid at another force set-point
     verdict.update(
         contact_losses_max=losses,
         held_force_error_max_percent=100 * simulate.ERROR_MAX,

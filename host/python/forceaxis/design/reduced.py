@@ -1,7 +1,7 @@
-"""Short search of a control law, for plots and tables of many sets of plants.
+"""Short search for a control law, for plots and tables with many sets of plants.
 
-The law has integral action and one second-order section, and the search begins at a few starts. The
-bandwidth is some per cent below that of `search`, and a set of plants takes about a second.
+The law has integral action and one second-order section, and the search begins at a few start
+values. The bandwidth is some per cent below that from `search`. A set of plants takes about 1 s.
 """
 
 import math
@@ -18,26 +18,27 @@ from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
 RANDOM = 40  # number of random plants in the final check, in addition to the corner plants
-# logarithms of the integral rates of the PI laws, 0.1 to 100 rad/s
+# Logarithms of the integral rates of the PI laws: 0.1 to 100 rad/s.
 PI_RATES = structures.logarithms([0.1 * 10 ** (0.1 * step) for step in range(31)])
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
-# Factor by which limited_by() changes a bound.
-# Smallest ratio of bandwidths that shows an effect of the changed bound.
+# limited_by() multiplies or divides a bound by this factor. The bound counts as effective above
+# this ratio of the bandwidths.
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
-# Smallest integral rate as a share of the bandwidth of the PI law.
-# With a smaller rate, a static error disappears too slowly.
+# Smallest integral rate of a law as a share of the bandwidth of the PI law.
+# With a smaller integral rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
-POPULATION, GENERATIONS = 30, 40  # size of the differential evolution on a thin grid
+# size and number of generations of the differential evolution on a thin grid
+POPULATION, GENERATIONS = 30, 40
 EVALUATIONS = 200  # largest number of control laws that the simplex search evaluates
-ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
-# lowest frequency of the second-order section as a multiple of the bandwidth of the PI law
+ZEROS_MAX = 3  # largest number of antiresonances at which a search starts
+# Lowest frequency of the second-order section, as a multiple of the bandwidth of the PI law.
 SECTION_START_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
 class ShortDesign:
-    """A filter bank, and the worst bandwidth and margins of this bank over a set of plants. The
-    fields are None if no gain keeps the margins."""
+    """A filter bank, and its worst bandwidth and margins over a set of plants. The fields are None
+    if no gain keeps the margins."""
 
     bank: Bank
     worst: WorstFigures | None
@@ -51,15 +52,15 @@ class ShortDesign:
 
 @dataclass(frozen=True)
 class ShapedDesign(ShortDesign):
-    """A filter bank that a search has found. `numbers` are the logarithms of the parameters from
-    which `structures` computes the bank."""
+    """A filter bank that a search has found. `numbers`: the logarithms from which `structures`
+    computes this bank."""
 
     numbers: Samples
 
 
 class ShortSearch:
     """Search for the filter bank with the best bandwidth over a set of plants that keeps the
-    margins of a goal. A search can also find the largest gain of a bank whose filters are given."""
+    required margins. It can also find the largest gain of a bank with given filters."""
 
     def __init__(self, plants: PlantSet, goal: Goal, random: int = RANDOM) -> None:
         self.plants, self.goal = plants, goal
@@ -70,9 +71,9 @@ class ShortSearch:
         search.check_plants(plants, self.grid)
 
     def worst(self, shape: Bank) -> ShortDesign:
-        """Returns a filter bank with the largest gain that keeps the margins, and the worst
-        bandwidth and margins of this bank. The filter bank `shape` gives integral rate and
-        sections; its gain is ignored."""
+        """Returns a filter bank with the largest gain that keeps the margins, and its worst
+        bandwidth and margins. The bank has the integral rate and sections of `shape`. The gain of
+        `shape` is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
         gain = self.grid.largest_gain(unit, self.inner.hf_gain(unit), self.inner.bounds).gain
         bank = certificate.lowered(unit, gain)
@@ -85,7 +86,8 @@ class ShortSearch:
     def designed(self) -> ShapedDesign:
         """Returns the best filter bank that the search finds."""
         bandwidths = self.inner.evaluate_all(PI_RATES[:, None])[:, 0]
-        fS, rate = max(zip(bandwidths.tolist(), PI_RATES.tolist(), strict=True))  # of PI
+        # bandwidth and integral rate of the best PI law
+        fS, rate = max(zip(bandwidths.tolist(), PI_RATES.tolist(), strict=True))
         fS = max(fS, PI_BANDWIDTH_MIN_HZ)
         self.inner.follow_ramp(self.plants, self.goal, fS)
         self._limits = limits = structures.bounds(NAME, SECTION_START_FACTOR * fS)
@@ -96,13 +98,14 @@ class ShortSearch:
         laws = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
         numbers = self._polished(self.inner.best_of(laws))
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
-        # On a soft contact possibly no law follows the ramp, and the best law is then too slow.
+        # On a soft contact, possibly no law follows the ramp. The best law that was found is then
+        # too slow.
         plain = self._shaped(structures.bank(np.array([rate]), 1.0), starts[-1])
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
-        """Returns the best filter bank for this set of plants from `candidates`, the results of
-        other searches. The candidates are lists of logarithms as in ShapedDesign."""
+        """Returns the best filter bank for this set of plants among `candidates`, which are results
+        of other searches. A candidate is an array of logarithms as in ShapedDesign."""
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
@@ -115,8 +118,8 @@ class ShortSearch:
         """Returns (filter bank, worst values) with the largest gain at which the exact bandwidth
         and margins keep the bounds.
 
-        This gain is some per cent below the gain from the grid of frequencies, and the computation
-        takes seconds instead of milliseconds.
+        The gain is some per cent below the gain that the grid of frequencies permits. The
+        computation takes seconds instead of milliseconds.
         """
         return certificate.exact(self.plants, self.grid, bank, self.goal)
 
@@ -153,10 +156,10 @@ class ShortSearch:
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
-        """Returns start values of the search as logarithms: laws with zeros at antiresonances and a
-        pole at a higher frequency, a lead, a lag, and the best PI law.
+        """Returns start values of the search as logarithms. Some laws have zeros at antiresonances
+        and a pole at a higher frequency. The other laws are a lead, a lag and the best PI law.
 
-        `fS` is the bandwidth of the PI law in Hz, `rate` is the logarithm of its integral rate in
+        `fS`: bandwidth of the PI law in Hz. `rate`: logarithm of the integral rate of the PI law in
         rad/s.
         """
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]

@@ -1,10 +1,11 @@
 """Searches the force law with the largest bandwidth over a set of plants at given margins.
 
 The search varies the zeros, poles and integral rate of each structure of the law, and maximises the
-frequency up to which |S| of the worst member stays below -3 dB. It uses differential evolution on a
+The search varies the zeros, poles and integral rate of each structure of the law. It maximises the
+frequency up to which |S| of the worst plant stays below -3 dB. It uses differential evolution on a
 thin grid of frequencies, then a simplex on the full grid. The gain is the largest one that keeps
-the margins (`grid`). The corners of a set are not always its worst members. The search therefore
-checks random members, and adds those on which the law violates the margins.
+the margins (`grid`). The corners of a set are not always its worst plants. The search therefore
+checks random plants, and adds those on which the law violates the margins.
 """
 
 import math
@@ -26,43 +27,48 @@ from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import DELAYS, Responses
 
-# smallest ratio of bandwidths at which the search selects the larger structure of the law
+# Smallest ratio of bandwidths at which the search selects the larger structure of the law.
 LARGER_STRUCTURE_MIN = 1.1
-# A law whose bandwidth is below this share of that of a smaller structure needs an explanation.
+# If the bandwidth of a law is below this share of that of a smaller structure, the result explains
+# why.
 SMALLER_SHARE = 0.99
-# Smallest ratio of bandwidths without and with the ramp at which the result names the ramp.
+# The result names the cost of the ramp above this ratio of bandwidths, without and with the ramp.
 RAMP_COST_MIN = 1.1
 RANDOM = 1000  # number of random plants on which the result is checked
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
-# Largest number of corner plants at the start of the search, from the set of plants.
+# Largest number of corner plants of the set of plants at the start of the search.
 CORNERS_MAX = 8
 SEED = 1988
-# rise time of the set-point ramp as a multiple of 1 / (bandwidth of a PI law)
+# Rise time of the set-point ramp, as a multiple of 1 / (bandwidth of a PI law).
 RAMP_PERIODS = 0.2
-RAMP_MIN_S = 0.1  # shortest rise time
-# Settings of the differential evolution: strategy, share of the numbers that a trial law
-# inherits, and number of generations. Decision 48 (docs/decisions) compares other settings.
+RAMP_MIN_S = 0.1  # shortest rise time of the set-point ramp
+# Settings of the differential evolution: strategy, share of the numbers that a trial law inherits
+# from the mutated law, and number of generations.
+# Decision 48 (docs/decisions) compares other settings.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
 POPULATION_PER_NUMBER = 6
-# Number of generations of each restart, and number of restarts with the best laws that go on.
+# Each restart has FIRST_GENERATIONS generations. The KEPT restarts with the best laws then go on.
 FIRST_GENERATIONS, KEPT = 60, 2
 # An evolution ends when all bandwidths of its population differ by less than this share.
 # A simplex search then finds the maximum.
 SPREAD = 1e-3
-# number of searches for a law with no, with one and with two second-order sections
+# Number of restarts of the search for a law with no, with one and with two second-order sections.
 RESTARTS = (1, 2, 3)
 # Lowest frequency of zeros and poles for each restart, relative to the bandwidth of a PI law.
-# The best result is used, because the ramp excludes laws that oscillate after a first contact.
+# The best result of all restarts is used. The ramp excludes laws that oscillate after a first
+# contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
-# damping ratio of a pole above which no exact analysis is needed to know that the pole is stable
+# A pole with a larger damping ratio is stable without an exact analysis.
 SURELY_STABLE = 1e-6
-# A plant is evaluated on a full grid if its largest gain is below this multiple of the smallest.
+# A plant is evaluated on a full grid if its largest gain is below this multiple of the smallest
+# one of all plants.
 CLOSE_TO_WORST = 1.05
-CLOSE_MAX = 16  # largest number of random plants for each law that are evaluated on a full grid
-# number of worst random plants per bandwidth, margin and delay that are evaluated on a full grid
+CLOSE_MAX = 16  # for each law, largest number of random plants that are evaluated on a full grid
+# For each bandwidth, margin and delay, this number of the worst random plants is evaluated on a
+# full grid.
 WORST_EACH = 2
-# largest static error of a law without integral action, as a share of the force set-point
+# Largest static error of a law without integral action, as a share of the force set-point.
 STATIC_ERROR_MAX = 0.01
 
 
@@ -91,12 +97,13 @@ class StructureDesign:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the filter bank with the values that the firmware stores, and the worst
-    bandwidth and margins of this bank over the set of plants.
+    """Result of a search: the filter bank as the firmware stores it, and its worst bandwidth and
+    margins over the set of plants.
 
-    p: figures of the P law at the same margins; structures: from the smallest to the largest;
-    limited_by: a sentence; chosen: name of a structure; instead(name): the result with another
-    structure, None if no gain keeps the margins with this structure.
+    p: bandwidth and margins of the P law that keeps the same margins. structures: results for each
+    structure of the law, from the smallest to the largest. limited_by: sentence about the bound
+    that limits the bandwidth. chosen: name of the chosen structure. instead(name): the result with
+    another structure, or None if no gain keeps the margins with this structure.
     """
 
     bank: Bank
@@ -109,9 +116,9 @@ class SearchResult:
 
 
 class SearchProblem:
-    """Evaluates control laws on all plants of a set of plants: largest gain within the bounds of a
-    goal, and bandwidth with this gain. `ramp`: ramp of the set-point that the force has to follow,
-    None: no ramp.
+    """Evaluates control laws on all plants of a set of plants: the largest gain within the bounds
+    of a goal, and the bandwidth with this gain. `ramp`: ramp of the set-point that the force has to
+    follow, or None.
 
     `numbers` are the logarithms of the law's parameters, as `structures` defines them.
     """
@@ -126,25 +133,27 @@ class SearchProblem:
         self.ramp_s = 0.0
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
-        """Returns (bandwidth in Hz, largest gain) of a control law. The bandwidth is smaller if the
+        """Returns (bandwidth in Hz, largest gain) of a control law. The bandwidth is reduced if the
         force does not follow the ramp."""
         hz, gain = self.evaluate_all(numbers[None])[0].tolist()
         return hz, gain
 
     def evaluate_all(self, rows: Samples, floors_Hz: Sequence[float] = ()) -> Samples:
-        """Returns (bandwidth in Hz, largest gain) of each control law, an array (laws, 2). `rows`
-        has the numbers of one law in each row. floors_Hz: as in Grid.evaluate."""
+        """Returns (bandwidth in Hz, largest gain) of each control law, as an array (laws, 2).
+        `rows`: array with the numbers of one law in each row. floors_Hz: as in Grid.evaluate."""
         ramp = self.ramp if rows.shape[1] else None
         return self.grid.evaluate(rows, self.bounds, ramp, floors_Hz)
 
     def best_of(self, rows: Samples) -> Samples:
-        """Returns the numbers of the law with the largest bandwidth; each row is a law."""
+        """Returns the numbers of the law with the largest bandwidth. `rows`: one law in each
+        row."""
         best: Samples = rows[int(np.argmax(self.evaluate_all(rows)[:, 0]))]
         return best
 
     def hf_gain(self, bank: Bank) -> float:
-        """Returns the gain at high frequency of a filter bank with the gain 1: the gain as the
-        firmware computes it, or the largest magnitude without the integral if that is larger."""
+        """Returns the gain at high frequency of a filter bank with the gain 1. This is the gain as
+        the firmware computes it, or, if larger, the largest magnitude of the bank without its
+        integral."""
         return max(replace(bank, force_gain=1.0).hf_gain(), self.grid.noise_gain(bank))
 
     def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
@@ -157,7 +166,7 @@ class SearchProblem:
         self.ramp = self.grid.ramp(plants.nominal(), self.ramp_s)
 
     def free_bandwidth(self, numbers: Samples) -> float:
-        """Returns the bandwidth of a law in Hz, also if the force does not follow the ramp."""
+        """Returns the bandwidth of a law in Hz, even if the force does not follow the ramp."""
         kept, self.ramp = self.ramp, None
         try:
             return self.evaluate(numbers)[0]
@@ -165,8 +174,8 @@ class SearchProblem:
             self.ramp = kept
 
     def without_ramp(self, numbers: Samples, limits: Samples) -> Samples:
-        """Returns the numbers of the best law that a simplex search finds if the force need not
-        follow the ramp. Arguments as in polished()."""
+        """Returns the numbers of the best law that a simplex search finds without the ramp. The
+        arguments are those of polished()."""
         kept, self.ramp = self.ramp, None
         try:
             return _polished(self, np.clip(numbers, *limits.T), limits)
@@ -177,7 +186,7 @@ class SearchProblem:
         self, numbers: Samples, limits: Samples, evaluations: int, tolerance: float
     ) -> Samples:
         """Returns the numbers of the best law that a simplex search finds. The search starts at
-        `numbers` and stays within `limits`, an array of (lowest, highest)."""
+        `numbers`, and stays within `limits`, an array with rows (lowest, highest)."""
         low, high = limits.T
         found = optimize.minimize(
             self.cost(limits), numbers, method="Nelder-Mead",
@@ -187,8 +196,8 @@ class SearchProblem:
         return best
 
     def cost(self, limits: Samples) -> Callable[[Samples], float]:
-        """Returns the negative bandwidth of the law with these numbers, after a limitation of the
-        numbers to the permitted range."""
+        """Returns a function that a simplex search minimises. Its result is the negative bandwidth
+        of the law, whose numbers are first limited to the permitted range."""
         low, high = limits.T
         return lambda numbers: -self.evaluate(np.clip(numbers, low, high))[0]
 
@@ -198,8 +207,8 @@ def _starts(
 ) -> Samples:
     """Returns laws for the first population of `count` laws, at most two thirds of this number.
 
-    These are laws with zeros at antiresonances of the plant and a pole above each zero, and the law
-    of the next smaller structure with a section without effect.
+    Some of these laws have a zero at an antiresonance of the plant and a pole above this zero. The
+    others are the law of the next smaller structure with an additional section without effect.
     """
     sections = structures.STRUCTURES[name]
     if not sections:
@@ -222,7 +231,7 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """Returns the numbers of the best law of a structure.
+    """Returns the numbers of the best law of one structure.
 
     `thin`: the same problem on a grid with fewer points. `fS`: bandwidth of a PI law in Hz.
     `zeros`: antiresonances in Hz. `best`: numbers of the best law of the next smaller structure.
@@ -247,18 +256,20 @@ def evolved(
     problem: SearchProblem, limits: Samples, starts: Samples, count: int, generations: int,
     seed: int = SEED,
 ) -> Samples:  # fmt: skip
-    """Returns the laws of the last generation of a differential evolution, one law in each row, the
-    best law first.
+    """Returns the laws of the last generation of a differential evolution, one law in each row. The
+    best law comes first.
 
     The first generation has `count` laws: the rows of `starts`, and random laws within `limits`, an
-    array of (lowest, highest). The best law of a thin grid may be bad on a full grid, if a peak of
-    |S| lies between two points of the thin grid. Other laws of the last generation are then better.
+    array with rows (lowest, highest). A peak of |S| may lie between two points of a thin grid. The
+    best law of a thin grid may therefore be bad on a full grid. Other laws of the last generation
+    are then better.
     """
     low, high = limits.T
     rng = np.random.default_rng(seed)
     first = rng.uniform(low, high, (count, len(limits)))
     first[: len(starts)] = np.clip(starts[:count], low, high)
-    # A slower law never replaces a law of the population, so its evaluation may end early.
+    # A law with less bandwidth never replaces a law of the population, so its evaluation may end
+    # early.
     floors_Hz: list[float] = []
 
     def cost(columns: Samples) -> Samples:
@@ -291,8 +302,8 @@ def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samp
 
 
 def first_members(plants: PlantSet) -> list[Member]:
-    """Returns the plants with which a search begins: the nominal plants and the corner plants, or a
-    random sample of the corner plants if there are many."""
+    """Returns the plants with which a search begins: the nominal plants and the corner plants. If
+    there are many corner plants, they are a random sample."""
     corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
     if len(corners) > most:
         corners = random.Random(SEED).sample(corners, most)
@@ -355,7 +366,7 @@ def search(
 
 def antiresonances(grid: Grid) -> list[float]:
     """Returns the frequencies in Hz of the lightly damped zeros of the plants of a grid, at most
-    eight. Of nearly equal frequencies, the result contains only one."""
+    eight. Of several nearly equal frequencies, only one is returned."""
     found: list[float] = []
     for plant in range(len(grid.members)):
         zeros = grid.core.zeros(plant)
@@ -410,12 +421,12 @@ def _final_grid(
     plants: PlantSet, goal: Goal, problem: SearchProblem, laws: Sequence[tuple[Bank, float]],
     threads: int,
 ) -> tuple[Grid, int]:  # fmt: skip
-    """Returns (full grid of the plants that may be the worst ones of a law, number of all plants).
+    """Returns (full grid, number of all plants). The full grid contains the plants that may be the
+    worst ones of a law.
 
     All plants are the corner plants, the plants of the search, and random plants. The random plants
-    are evaluated on a thin grid first. The full grid has those of them whose largest gain,
-    bandwidth or margin is close to the worst one. `laws`: (filter bank, gain at high frequency) of
-    each law.
+    are evaluated on a thin grid first. The full grid gets those whose largest gain, bandwidth or
+    margin is close to the worst one. `laws`: (filter bank, gain at high frequency) of each law.
     """
     others = _random(plants, max(RANDOM // len(plants.modes), 1), SEED + 1)
     close: dict[int, Member] = {}
@@ -430,10 +441,10 @@ def _final_grid(
 
 
 def _close_to_worst(thin: Grid, problem: SearchProblem, bank: Bank, steep: float) -> set[int]:
-    """Returns the indices of the plants of a grid that may have the smallest largest gain, or the
-    worst bandwidth or margin with a filter bank at its largest gain. `steep`: gain of the bank at
-    high frequency with the gain 1."""
-    # The bound at high frequency is left out: it is equal for all plants and would hide other
+    """Returns the indices of those plants of a grid that may be the worst ones with a filter bank
+    at its largest gain. Such a plant has nearly the smallest largest gain, or the worst bandwidth
+    or margin. `steep`: gain of the bank at high frequency if its gain is 1."""
+    # The bound at high frequency is left out. It is equal for all plants and would hide other
     # bounds.
     gains = thin.gains(bank, steep, replace(problem.bounds, hf_gain=math.inf))
     near = np.flatnonzero(gains <= CLOSE_TO_WORST * gains.min())
@@ -450,9 +461,9 @@ def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
     say: Callable[[str], None], threads: int,
 ) -> SearchResult:  # fmt: skip
-    """Returns the result of a search. `best` is {structure: numbers of the best law with this
-    structure}. All rows of the result have the stored gain and coefficients, and their worst
-    members keep the margins."""
+    """Returns the result of a search. `best`: {structure: numbers of the best law with this
+    structure}. All laws of the result have the gain and coefficients that the firmware stores, and
+    keep the margins on their worst plants."""
     units = {name: structures.bank(numbers, 1.0) for name, numbers in best.items()}
     units = {n: unit.quantised() for n, unit in units.items() if structures.is_legal(unit.sections)}
     laws = [(unit, problem.hf_gain(unit)) for unit in units.values()]
@@ -489,7 +500,7 @@ def _result(
     def taken(name: str) -> SearchResult | None:
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = rows[at].bank.bank, rows[at].worst
-        if responses.is_exact:  # in all other cases the values are exact already
+        if responses.is_exact:  # otherwise the values of `WorstFigures` are exact already
             bank, worst = certificate.exact(plants, grid, bank, goal, responses, first=1.0)
         if not worst or not worst.fS_Hz:
             return None
@@ -507,15 +518,15 @@ def _result(
 
 
 def _fastest(rows: Sequence[StructureDesign]) -> float:
-    """Returns the largest bandwidth in Hz among rows of a table of laws, or 0 without a row."""
+    """Returns the largest bandwidth in Hz among several laws, or 0 without a law."""
     return max((row.bandwidth_Hz for row in rows), default=0.0)
 
 
 def _costs(
     problem: SearchProblem, rows: Sequence[StructureDesign], row: StructureDesign, numbers: Samples
 ) -> str:
-    """Returns sentences about the bandwidth of a law that is lost for other properties: a static
-    error of P, and the ramp of the set-point. `numbers`: of the law without its gain."""
+    """Returns sentences about properties that cost bandwidth: the static error of a P law, and the
+    ramp of the set-point. `numbers`: numbers of the law without its gain."""
     text, p = "", rows[0]
     if p.name == "P" and p.worst and row.bandwidth_Hz < SMALLER_SHARE * p.bandwidth_Hz:
         text += (
@@ -536,7 +547,7 @@ def _costs(
 
 
 def _p_of(rows: list[StructureDesign]) -> P:
-    """Returns the bandwidth and margins of the P law from the rows of all structures."""
+    """Returns the bandwidth and margins of the P law. `rows`: results of all structures."""
     for row in rows:
         if row.name == "P" and row.worst:
             return certificate.p_figures(row.worst, row.bank.bank)
@@ -553,8 +564,8 @@ def _no_gain() -> ParameterError:
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
-    """Returns True if the larger structure of the law is worth its additional parameters. The
-    reason is either 10 % more bandwidth, or a large static error if the smaller structure is P."""
+    """Returns True if a larger structure of the law is worth its additional parameters. The larger
+    structure then has 10 % more bandwidth, or the smaller one is P with a large static error."""
     before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
         smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX

@@ -10,13 +10,13 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.plant_set import PlantSet, set_of
 from forceaxis.linear.working import States
 
-# tolerance of a workpiece whose values come from a data sheet or from a test without contact
+# Tolerance of a workpiece whose values come from a data sheet, or from a test without contact.
 WORKPIECE_TOLERANCE = "30%"
 
 
 def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[str, ...]:
-    """Returns the default tolerances of a set of plants as texts NAME=PERCENT%: 30 % of the mass of
-    the workpiece and of the stiffness of its support.
+    """Returns the default tolerances of a set of plants as texts NAME=PERCENT%. The mass of the
+    workpiece and the stiffness of its support have a tolerance of 30 %.
 
     If the workpiece is the ground, the stiffness of the contact has the tolerance instead. The
     result is empty for a model without a contact.
@@ -36,11 +36,11 @@ def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[st
 def slopes(
     model: str | Path, overrides: Overrides | None = None, fixed: States | None = None
 ) -> tuple[dict[str, str], ...]:
-    """Returns the modes of a set of plants as {element: state}: every linear range of the amplifier
-    and of other elements, with frictions stuck and sliding.
+    """Returns the modes of a set of plants, each as {element: state}. They combine every linear
+    range of the amplifier and of other elements, with stuck and with sliding friction.
 
-    Modes with limited current are excluded, because an axis does not work in these modes. `fixed`
-    are states that all modes have.
+    Modes with limited current are excluded, because an axis does not work in these modes. `fixed`:
+    {element: state} that all modes have.
     """
     return tuple(
         modes
@@ -58,9 +58,9 @@ def plant_set(
 ) -> PlantSet:
     """Returns the set of plants of a model.
 
-    `over`: tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH, None for the tolerances of
-    `workpiece`. `modes`: {element: state} of each mode, None for the modes of `slopes`. `fixed`:
-    states that all modes of `slopes` have.
+    `over`: tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH, or None for the result of
+    workpiece(). `modes`: {element: state} of each mode, or None for the result of slopes().
+    `fixed`: {element: state} that all modes of slopes() have.
     """
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over

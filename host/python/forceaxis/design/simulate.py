@@ -1,15 +1,15 @@
 """Simulates contacts with the firmware, for effects that the linear analysis does not contain.
 
-A ContactBench is a model with an ADC of the chosen resolution and with the axis in mode of
-operation 4. Its cases are first contacts at three set-points, one of them at half the approach
-speed, and impacts at the two lower set-points. Each case runs with every latency, on the nominal
-plant and on random members of a set.
+A ContactBench is a model with an ADC of the chosen resolution, and with the axis in mode of
+operation 4. Its cases are simulated contacts: first contacts at three set-points, one of them at
+half the approach speed, and impacts at the two lower set-points. Each case runs with every latency,
+on the nominal plant and on random plants of a set.
 
-The table [verdict] of each case has limits. In a first contact the force error is at most
+The table [verdict] of each case has limits. In a first contact, the force error is at most
 ERROR_MAX, the peak force is at most PEAK_MAX set-points, and the contact is lost at most LOSSES_MAX
-times. The impact of the first contact alone may exceed these limits with every control law; then
-the limits are larger (see measure_impacts). After an additional impact, the force has to settle and
-to stay at the set-point.
+times. The impact of a first contact may exceed these limits with every control law. The limits are
+then larger (see measure_impacts). After an additional impact, the force has to settle and to stay
+at the set-point.
 """
 
 import math
@@ -47,47 +47,47 @@ from forceaxis.results import to_json
 Job = tuple[str, list[str]]  # one simulated run: (experiment, texts NAME=VALUE)
 Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty for the nominal plant
 
-# Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
+# Force set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
 STALL_FORCE_SHARE = 0.25  # largest force set-point as a share of the largest force of the drive
 RAMP_S = 0.2  # rise time in s of the largest force set-point
-STRIKE_S = 0.5 / 150  # impulse of an impact in N s per newton of the largest force set-point
+STRIKE_S = 0.5 / 150  # impulse of an impact in N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives a speed
-WINDOW_S = 0.5  # window of the verdict
-# shortest and longest time in s from the first contact to the window of the verdict
+WINDOW_S = 0.5  # length in s of the window of the verdict
+# Shortest and longest time in s from the first contact to the window of the verdict.
 SETTLE_S = (1.5, 10.0)
 RIPPLE_COUNT = 3.0  # largest permitted force ripple in 8-bit counts, peak to peak
 LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default of `contact_force`
 # Firmware settings that the simulated contacts take from the experiment of the design.
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
-# factors by which the impulse of a simulated impact is multiplied for a series of impacts
+# Factors by which the impulse of a simulated impact is multiplied in a series of impacts.
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
 FRICTION_SHARES = (
     0.5,
     1.0,
 )  # shares of the largest dry friction with which the approach is simulated
-# factor of one reduction of the gain, and largest number of reductions
+# Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
-# Permitted force error as a share of the force set-point, for a law with integral action.
-# The permitted force error is at least HALF_COUNT.
+# Largest permitted force error with a law with integral action, as a share of the force set-point.
+# A force error of HALF_COUNT is always permitted.
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
 PEAK_MAX = 1.3  # largest permitted peak force as a multiple of the force set-point
-LOSSES_MAX = 1  # permitted number of contact losses of a first contact
-# shares of the approach speed, in the order of their simulation
+LOSSES_MAX = 1  # permitted number of contact losses after a first contact
+# Shares of the approach speed, in the order in which they are simulated.
 SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)
 SATURATED_MAX_S = 0.02  # longest permitted time in s with the DAC code at an end of the DAC range
-# share of the designed gain at which the control law has no influence on an impact
+# With this share of the designed gain, the control law has no influence on an impact.
 WEAK_GAIN_SHARE = 0.25
 
 
 class ContactBench:
     """A model with an ADC of `bits` bits, with which contacts are simulated.
 
-    `own`: an experiment of the user that is simulated too. `firmware`: settings that replace the
-    settings of the experiment. `forces_N`: force set-points in N; if empty, the ranges of sensor
-    and drive determine the set-points.
+    `own`: an experiment of the user that is simulated too. `firmware`: firmware settings that
+    replace those of the experiment. `forces_N`: force set-points in N. If `forces_N` is empty, the
+    ranges of sensor and drive determine the set-points.
     """
 
     def __init__(
@@ -96,7 +96,8 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # Permitted contact losses of a first contact, in addition to the losses due to the impact.
+        # Permitted contact losses after a first contact, in addition to those that the impact
+        # causes.
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -123,11 +124,12 @@ class ContactBench:
         self.frictions = friction.ranges(self._run_model, self.overrides)
 
     def at(self, share: float) -> "ContactBench":
-        """Returns a bench with the same contacts at the approach speed of this bench multiplied by
-        `share`."""
+        """Returns a bench with the same contacts, at `share` times the approach speed of this
+        bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # The cache is emptied: the files of both benches have equal names and other contents.
+        # The cache of files is emptied: files of both benches have equal names but different
+        # contents.
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
@@ -161,8 +163,8 @@ class ContactBench:
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:
-        """Returns the firmware settings that are equal for all simulated contacts: all settings
-        except force set-point, approach speed and filter bank."""
+        """Returns those firmware settings that are equal for all simulated contacts. These are all
+        settings except the force set-point, the approach speed and the filter bank."""
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
             zero = self.design.zero_code
@@ -190,8 +192,8 @@ class ContactBench:
         }
 
     def _check_forces(self, counts: float) -> None:
-        """Raises InputError if the sensor cannot measure a requested force or if the drive cannot
-        produce this force."""
+        """Raises InputError for a requested force that the sensor cannot measure or that the drive
+        cannot produce."""
         for most_N, what in (
             (min(counts, 255.0) * self.count_N, "the end of the range of the force sensor"),
             (self._stall_N(), "the largest force of the drive"),
@@ -208,14 +210,14 @@ class ContactBench:
             )  # fmt: skip
 
     def _position_gain(self) -> float:
-        """Returns the position gain in DAC codes per count: a sixth of the highest stable gain out
-        of contact, as for a new axis."""
+        """Returns the position gain in DAC codes per encoder count. As for a new axis, it is a
+        sixth of the highest stable gain out of contact."""
         loop = loops.force_loop(self.model, overrides=self.overrides, output="encoder", free=True)
         return first_gain(highest_gain(loop, self.facts.volts_per_code))
 
     def _stall_N(self) -> float:
-        """Returns the largest static force of the drive in N. The result is infinite if the model
-        has no limits."""
+        """Returns the largest static force of the drive in N, or infinity if the model has no
+        limits of the drive."""
         table, drive = self.design.tables.drive, self.facts.required_drive.values
         if "k_force" in drive:
             limits = self.design.value(table.peak_current), self.design.value(table.rated_current)
@@ -227,8 +229,9 @@ class ContactBench:
         return float(supply_V / R * drive["k_torque"] / r_trans)
 
     def _speed(self) -> float:
-        """Returns the approach speed in m/s from the order or from the experiment. Without such a
-        speed, the result is the smaller of 20 mm/s and the default of `approach_velocity_max`."""
+        """Returns the approach speed in m/s from the request for the design, or from the
+        experiment. Without such a speed, it is the smaller of 20 mm/s and the default of
+        `approach_velocity_max`."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
@@ -249,7 +252,7 @@ class ContactBench:
 
     @property
     def shown(self) -> ContactCase:
-        """Returns the first contact that the plot shows: full approach speed and middle force
+        """Returns the first contact that a plot shows, at full approach speed and the middle force
         set-point."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
@@ -264,8 +267,8 @@ class ContactBench:
     ) -> None:  # fmt: skip
         """Simulates the impact of each first contact with a small gain.
 
-        The resulting contact losses and peak force are stored and enlarge the limits of the
-        verdicts. `cases` are first contacts that are simulated instead of those of the bench.
+        The resulting contact losses and peak forces are stored. They enlarge the limits of the
+        verdicts. `cases`: first contacts that are simulated instead of those of this bench.
         """
         weak = replace(bank, force_gain=WEAK_GAIN_SHARE * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
@@ -282,7 +285,7 @@ class ContactBench:
         self._files = {}  # existing files contain other limits of the verdict
 
     def losses_permitted(self, case: ContactCase) -> int | None:
-        """Returns the largest number of contact losses that the verdict of a contact permits; None
+        """Returns the largest number of contact losses that the verdict of a contact permits. None
         means no limit."""
         if case.strike_N_s:
             return None
@@ -305,13 +308,13 @@ class ContactBench:
         }
 
     def extreme(self) -> list[ContactCase]:
-        """Returns the two contacts in which the plant visits most modes: the first contact with the
-        largest set-point, and the impact at the largest force."""
+        """Returns the two contacts in which the plant visits most modes. These are the first
+        contact with the largest set-point, and the impact at the largest force."""
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """Returns (body, sign of the impulse) for an impact. The body is the workpiece. If the
-        workpiece is the ground, the body is the one that presses on the ground."""
+        """Returns (body that an impact strikes, sign of the impulse). The body is the workpiece. If
+        the workpiece is the ground, it is the body that presses on the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.points else (near, -1.0)
 
@@ -327,7 +330,7 @@ class ContactBench:
         return self.design.value(given) or 0.0
 
     def touch_s(self, case: ContactCase) -> float:
-        """Returns the latest time of the first contact in s, with a margin of a fifth."""
+        """Returns the latest time of the first contact in s: the expected time plus a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
     def text(
@@ -343,7 +346,8 @@ class ContactBench:
         model: str | None = None,
     ) -> ExperimentText:  # fmt: skip
         """Returns the experiment of a simulated contact. `loss`: {"contact_loss_cap": code, ...}.
-        `model`: path of the model relative to the folder of the file, by default the absolute path.
+        `model`: path of the model relative to the folder of the experiment. Without it, the path is
+        absolute.
         """
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
@@ -375,7 +379,7 @@ class ContactBench:
         return text
 
     def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, FirmwareValue]:
-        """Returns the keys of [firmware] that select a filter bank with the force sensor of this
+        """Returns those keys of [firmware] that select a filter bank and the force sensor of this
         bench."""
         sensor = {n: self.settings[n] for n in ("adc_bits", "force_zero_code", "force_scale")}
         return {
@@ -388,20 +392,20 @@ class ContactBench:
     def with_bank(
         self, experiment: Path, bank: Bank, loss: Mapping[str, int], model: str | None = None
     ) -> str:
-        """Returns the text of an experiment with a filter bank; comments of the experiment are
-        kept. `model` is the path of the model relative to the folder of the text, by default the
-        model of the bench."""
+        """Returns the text of an experiment with a filter bank. The comments of the experiment are
+        kept. `model`: path of the model relative to the folder of the text. Without it, the text
+        names the model of this bench."""
         text = experiment_file.document(experiment)
         text["model"] = str(model or self.model)
         if self.overrides:
             text.setdefault("set", tomlkit.table()).update(self.overrides)
         text.setdefault("firmware", tomlkit.table()).update(self._law_keys(bank, loss))
-        text.pop("expect", None)  # belongs to the law before
+        text.pop("expect", None)  # the expected results belong to the previous law
         return tomlkit.dumps(text)
 
     def loads(self, case: ContactCase) -> dict[str, float | str]:
-        """Returns the firmware settings that differ between the contacts: set-point and approach
-        speed."""
+        """Returns the firmware settings that differ between the contacts: force set-point and
+        approach speed."""
         return {
             "target_force": round(1000 * case.setpoint_N / self.rated_N),
             "approach_velocity_max": self.approach_count_per_s(case),
@@ -425,7 +429,7 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, member: Plant, latency: int,
         loss: Mapping[str, int] | None = None,
     ) -> Job:  # fmt: skip
-        """Returns the run of a contact on a plant with a latency in ticks. `loss` contains the
+        """Returns the run of one contact on the plant `member`, with a latency in ticks. `loss`:
         values of the firmware objects for the time after a contact loss."""
         firmware = {"latency_ticks": latency} | dict(loss or {})
         texts = linear.override_texts(member)
@@ -445,9 +449,9 @@ class ContactBench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
-        """Returns the DAC code that moves the axis out of contact at a given speed, against the
-        largest friction multiplied by `share`. With a smaller code, friction may keep the axis at
-        standstill."""
+        """Returns the DAC code that moves the axis out of contact at a given speed. The axis moves
+        against the largest friction multiplied by `share`. With a smaller code, friction may keep
+        the axis at standstill."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -467,9 +471,9 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Simulates runs and returns their results in the order of `jobs`.
+    """Simulates runs, and returns their results in the order of `jobs`.
 
-    `experiments` stores parsed experiment files for further calls with the same files. Raises
+    `experiments` keeps parsed experiment files for later calls with the same files. Raises
     SimulationError for the first run that fails.
     """
     shared = experiments or _core.Experiments()
@@ -509,8 +513,8 @@ def simulate(
 def choose_loss(
     bench: ContactBench, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1
 ) -> ContactLoss:
-    """Returns the limits after a contact loss (cap in DAC codes, dwell in ms) with which the
-    control law tolerates the largest impacts of a series."""
+    """Returns the limits after a contact loss with which the control law tolerates the largest
+    impacts of a series. The limits are a cap in DAC codes and a dwell time in ms."""
     slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in FRICTION_SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
@@ -535,7 +539,7 @@ def choose_loss(
         survived = ladder.index(False)
         tolerated[keys[i][0]].append(STRIKE_FACTORS[survived - 1] if survived else 0.0)
     able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
-    # Among equal results, the first result is chosen.
+    # Of several equal results, the first one is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
     return ContactLoss(
@@ -551,9 +555,9 @@ def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], .
     """Returns values of the firmware objects for the time after a contact loss, in the order of
     their simulation.
 
-    The first value is the default, the next is a motion towards the workpiece at approach speed.
-    With friction, the default (a cap of 0 DAC codes) comes last, because the axis may then stay at
-    standstill.
+    Without friction, the defaults come first, and a motion towards the workpiece at approach speed
+    comes second. With friction, slower motions come first. The defaults (a cap of 0 DAC codes) then
+    come last, because friction may keep the axis at standstill.
     """
     on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
     slow = [
@@ -566,7 +570,7 @@ def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], .
 @dataclass(frozen=True)
 class SafeDesign:
     """A filter bank with which every simulated contact is stable. `loss`: limits after a contact
-    loss. `cuts`: the larger gains that were rejected."""
+    loss. `cuts`: larger gains that were rejected."""
 
     bank: Bank
     loss: ContactLoss
@@ -580,9 +584,10 @@ def safe(
 ) -> SafeDesign:  # fmt: skip
     """Returns the filter bank with the largest gain at which every simulated contact is stable.
 
-    The gain is reduced in steps of a tenth, and each gain is tried with all of losses(). least:
-    smallest share of the first gain that is tried. Raises InputError if no gain makes every case
-    stable, or if the approach does not reach the workpiece, so that a lower gain does not help.
+    The gain is reduced in steps of a tenth. Each gain is tried with all results of losses(). least:
+    smallest gain that is tried, as a share of the first gain. Raises InputError if no gain makes
+    every case stable. Also raises it if the approach does not reach the workpiece, because a lower
+    gain then does not help.
     """
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
@@ -607,8 +612,7 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        # choose_loss() does not simulate all plants.
-        # A contact may be unstable on a plant that was not simulated.
+        # choose_loss() does not simulate all plants. A contact may be unstable on another plant.
         if unstable(chosen):
             loss = replace(
                 loss,
@@ -628,8 +632,8 @@ def safe(
 
 
 def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
-    """Raises InputError if the approach does not reach the workpiece, because no gain of the force
-    law changes this result. `bad` are the contacts that are not stable."""
+    """Raises InputError if the approach does not reach the workpiece. No gain of the force law
+    changes this. `bad`: the contacts that are not stable."""
     never = [row for row in bad if row.verdict == "never_in_contact" and row.fault == "none"]
     if not never:
         return

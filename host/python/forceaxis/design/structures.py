@@ -1,10 +1,10 @@
-"""Structures of the firmware's force law: the numbers that a search varies, and the filter bank
-that follows from these numbers.
+"""Structures of the firmware's force law: the numbers that a search varies, and how a filter bank
+follows from these numbers.
 
-A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly so
-that its zeros and poles keep their frequencies, with gain 1 at frequency 0. The numbers are
-logarithms: integral rate in rad/s, then for each section zero frequency in Hz, zero damping, pole
-frequency in Hz, pole damping.
+A second-order section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2). It is
+transformed bilinearly so that its zeros and poles keep their frequencies, and has the gain 1 at
+frequency 0. The numbers are logarithms. The first is that of the integral rate in rad/s. Each
+section then has the zero frequency in Hz, zero damping, pole frequency in Hz, and pole damping.
 """
 
 import math
@@ -17,14 +17,14 @@ from forceaxis.design.grid import Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
 # Range of the integral rate of a control law.
-# With a smaller rate, the force does not settle within the ten seconds of a simulated contact.
+# With a smaller integral rate, the force does not settle within the 10 s of a simulated contact.
 INTEGRAL_RAD_PER_S = (0.6, 100.0)
 HIGHEST_HZ = 600.0  # highest frequency in Hz of the zeros and poles of a second-order section
 ZERO_DAMPING = (0.02, 2.0)  # range of the damping ratio of zeros
 # Range of the damping ratio of poles.
-# With less damping, a section amplifies the quantisation of the force at one frequency.
+# A pole with less damping amplifies the quantisation of the force at one frequency.
 POLE_DAMPING = (0.4, 2.0)
-# {name of a structure: number of sections}; None means neither integral action nor sections
+# {structure: number of second-order sections}. None means neither integral action nor sections.
 STRUCTURES: dict[str, int | None] = {
     "P": None,
     "PI": 0,
@@ -34,8 +34,8 @@ STRUCTURES: dict[str, int | None] = {
 
 
 def bounds(name: str, lowest_hz: float) -> Samples:
-    """Returns the limits of the n numbers of a structure, as an array of shape (n, 2) with the
-    logarithms (lowest, highest). `lowest_hz` is the lowest frequency of zeros and poles."""
+    """Returns the limits of the numbers of a structure. The result is an array of logarithms with
+    one row (lowest, highest) for each number. `lowest_hz`: lowest frequency of zeros and poles."""
     frequency = (lowest_hz, HIGHEST_HZ)
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
@@ -44,14 +44,14 @@ def bounds(name: str, lowest_hz: float) -> Samples:
 
 
 def logarithms(values: Iterable[float]) -> Samples:
-    """Returns natural logarithms, rounded, because the last digit of a logarithm depends on the
+    """Returns natural logarithms, rounded. The last digit of a logarithm depends on the
     processor."""
     return np.array([round(math.log(value), 12) for value in values])
 
 
 def bank(numbers: Samples, gain: float) -> Bank:
-    """Returns the filter bank from the logarithms of a structure's parameters and a gain in codes
-    per count."""
+    """Returns the filter bank of a structure. `numbers`: logarithms of the parameters of the
+    structure. `gain`: gain in codes per count."""
     rate, sections = _core.law_coefficients(numbers, TICK_S)
     return Bank(gain, rate, 0.0, tuple(sections))
 

@@ -1,5 +1,5 @@
-"""Trade-off between the bandwidth and a second property of the loop: computes a design for each
-value of this property."""
+"""Trade-off between the bandwidth and a second property of the force loop: computes one design for
+each value of this property."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.results import json_field
 
-# {name of the second property: (values of the property, text about its meaning)}
+# {name of the second property: (values of this property, text about its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
     "ms": (
         (1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6),
@@ -27,9 +27,9 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
-    """The design for one value of the second property. Of the fields `ms`, `hf` and `gain_margin`,
-    only the field of the second property has a value. All other fields are None if no gain keeps
-    the margins."""
+    """The design for one value of the second property. Only one of the fields `ms`, `hf` and
+    `gain_margin` has a value: the one of the second property. All other fields are None if no gain
+    keeps the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None
@@ -48,8 +48,8 @@ class TradeoffRow:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The trade-off between bandwidth and a second property. `against` is the name of the second
-    property, `what` is the meaning of this property."""
+    """The trade-off between bandwidth and a second property. `against`: name of the second
+    property. `what`: meaning of this property."""
 
     model: str
     over: list[str]
@@ -62,7 +62,7 @@ class Tradeoff:
 
 def against_of(text: str) -> str:
     """Returns the name of the second property in a text such as "bandwidth,ms". Raises InputError
-    for a different text."""
+    for another text."""
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
         raise ParameterError(
@@ -74,8 +74,8 @@ def against_of(text: str) -> str:
 def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
-    """Returns the designs of an order for each value of the property `against`, from the search of
-    `reduced`. All other margins have the values of the order. Raises InputError."""
+    """Returns one design for each value of the property `against`, from the search in `reduced`.
+    All other margins are those of `order`, the request for a design. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
@@ -90,7 +90,7 @@ def tradeoff(
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed().numbers)
-        # The design for one value may also be the best design for a second value.
+        # The best design for one value may also be the best design for another value.
         for value in values:
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))
