@@ -1,6 +1,5 @@
 """Searches the force law with the largest bandwidth over a set of plants at given margins.
 
-The search varies the zeros, poles and integral rate of each structure of the law, and maximises the
 The search varies the zeros, poles and integral rate of each structure of the law. It maximises the
 frequency up to which |S| of the worst plant stays below -3 dB. It uses differential evolution on a
 thin grid of frequencies, then a simplex on the full grid. The gain is the largest one that keeps

@@ -1,5 +1,5 @@
-"""The general force law of the firmware as a linear system. A filter bank, which is a set of
-coefficients (firmware/core/force_law.h), defines the law.
+"""The general force law of the firmware as a linear system. The coefficients of a filter bank
+(firmware/core/force_law.h) define this law.
 
     u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
 
@@ -22,7 +22,7 @@ from forceaxis.results import json_field
 GAIN_STEP = 1 / 256  # smallest step of the objects `force_gain` and `velocity_gain`
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-# Largest gain at high frequency of a filter bank in the firmware, in DAC codes per ADC code.
+# Largest gain at high frequency that the firmware accepts, in DAC codes per ADC code.
 HF_CODES_MAX = 15
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
@@ -34,9 +34,9 @@ def _rounded(value: float, step: float) -> float:
 @dataclass(frozen=True)
 class BankKeys:
     """A filter bank with the keys of the table [firmware.bank_N] of an experiment. `gain` and
-    `hf_gain`: DAC codes per 8-bit count; `integral_rad_per_s`: integral rate in 1/s;
-    `velocity_gain`: DAC codes per count/tick. A coefficient that the filter bank does not have is
-    None and has no key."""
+    `hf_gain` (gain at high frequency): DAC codes per 8-bit count. `integral_rad_per_s`: integral
+    rate in 1/s. `velocity_gain`: DAC codes per count/tick. A coefficient that the filter bank does
+    not have is None, and has no key in JSON."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)
@@ -55,8 +55,8 @@ class BankKeys:
 
 @dataclass(frozen=True)
 class Bank:
-    """A filter bank of the firmware. `force_gain`: DAC codes per 8-bit count; `integral_rad_per_s`:
-    integral rate in 1/s, >= 0; `velocity_gain`: DAC codes per count/tick; `sections`: up to three
+    """A filter bank of the firmware. `force_gain`: DAC codes per 8-bit count. `integral_rad_per_s`:
+    integral rate in 1/s, >= 0. `velocity_gain`: DAC codes per count/tick. `sections`: up to three
     second-order sections (b0, b1, b2, a1, a2)."""
 
     force_gain: float
@@ -79,9 +79,9 @@ class Bank:
         )
 
     def response(self, z: ArrayLike) -> Matrix:
-        """Returns the transfer function I H_1 .. H_n of the force law at the complex points z,
-        without the gain of the law. I is the integral part, and H_1 .. H_n are the second-order
-        sections. The result has the shape of z."""
+        """Returns the transfer function I H_1 .. H_n of the force law at complex points z, without
+        the gain of the law. I is the transfer function of the integral, and H_1 .. H_n are those of
+        the second-order sections. The result has the shape of z."""
         z = np.asarray(z, complex)
         back = 1 / z
         value: Matrix = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
@@ -90,8 +90,8 @@ class Bank:
         return value
 
     def compensator(self) -> StateSpace:
-        """Returns the state space (A, B, C, D) of the force law without the gain of the law. Each
-        second-order section has two states, and the integral has the last state."""
+        """Returns the state space (A, B, C, D) of the force law without its gain. Each second-order
+        section has two states. The last state is that of the integral, if there is one."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
             A = np.array([[-a1, -a2], [1.0, 0.0]])
@@ -104,16 +104,16 @@ class Bank:
         return system
 
     def hf_gain(self) -> float:
-        """Returns the gain of the filter bank at high frequency in DAC codes per 8-bit count,
-        computed as law_bank_state() of the firmware does."""
+        """Returns the gain of the filter bank at high frequency in DAC codes per 8-bit count. The
+        function law_bank_state() of the firmware computes the same value."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
     def gain_at_rest(self) -> float:
-        """Returns the gain of the filter bank for a constant error in DAC codes per 8-bit count,
-        without its integral. It is infinite if a section integrates, or if the sections take away
-        what the integral adds."""
+        """Returns the gain of the filter bank for a constant force error, without its integral, in
+        DAC codes per 8-bit count. The gain is infinite if a section integrates, or if the sections
+        have the gain 0 at frequency 0 and so cancel the integral."""
         gain = self.force_gain
         for b0, b1, b2, a1, a2 in self.sections:
             above, below = b0 + b1 + b2, 1 + a1 + a2

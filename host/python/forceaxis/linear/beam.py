@@ -1,8 +1,8 @@
 """Beams in bending (thesis section 2.4.4) and the two-link arm (thesis section 6.2.3). The transfer
 functions of both have real zeros.
 
-These models are linear only and have no time simulation. Displacement and force are positive in the
-same direction; transfer functions are velocity per actuator force, in m/s per N.
+These models are linear and have no time simulation. Displacement and force are positive in the same
+direction. A transfer function is the velocity per actuator force, in m/s per N.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 class Factored:
     """A rational function in factored form: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
 
-    Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
-    there); so `gain` is the low-frequency gain and no coefficient can overflow.
+    Zeros and poles are complex arrays in 1/s without roots at s = 0. `order` is the number of zeros
+    at s = 0, and is negative for poles there. So `gain` is the low-frequency gain, and no
+    coefficient can overflow.
     """
 
     zeros: Matrix
@@ -40,7 +41,8 @@ class Factored:
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
-            # Factors of zeros and poles alternate, so that no intermediate product overflows.
+            # Factors of zeros and of poles are multiplied in turn, so that no intermediate product
+            # overflows.
             if zero is not None:
                 value = value * (1 - s / zero)
             if pole is not None:
@@ -80,20 +82,20 @@ class Factored:
 
 
 def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
-    """Returns roots of a function f by Newton's iteration. The function step(x) returns f / f'. The
-    iteration ends when the steps are as small as rounding errors."""
+    """Returns roots of a function f by Newton's iteration. `step(x)`: function that returns f / f'.
+    The iteration ends when the steps are as small as rounding errors."""
     for _ in range(40):
         change = step(x)
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    # Every start value is close to a root, so this error always shows a defect of the program.
+    # Every start value is close to a root. If this error occurs, the program has a defect.
     raise ArithmeticError("a root of the beam did not converge")
 
 
 def sliding_free_roots(count: int) -> Matrix:
-    """Returns the first `count` positive roots of tan y + tanh y = 0, which are 2.36502, 5.49780,
-    ... The roots have no unit, and the array has the shape (count,)."""
+    """Returns the first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ... The
+    roots have no unit, and the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -105,8 +107,8 @@ def sliding_free_roots(count: int) -> Matrix:
 
 
 def clamped_free_roots(count: int) -> Matrix:
-    """Returns the first `count` positive roots of cos y cosh y = -1, which are 1.87510, 4.69409,
-    ... The roots have no unit, and the array has the shape (count,)."""
+    """Returns the first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ... The
+    roots have no unit, and the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -123,14 +125,14 @@ class Beam:
     """Distributed-parameter beam of Figure 2.21 of the thesis. One end slides without turning, and
     the other end is free.
 
-    The actuator pushes the sliding end. `damping_s` makes the modulus E (1 + damping_s s), so mode
-    k of natural frequency w_k has the damping ratio damping_s w_k / 2. Raises InputError unless the
-    bending stiffness in N m^2, the mass per length in kg/m and the length in m are in the range
-    1e-12 to 1e12, and damping_s >= 0.
+    The actuator pushes the sliding end. `damping_s` changes the elastic modulus E to E (1 +
+    damping_s s). So a bending mode with the natural frequency w_k has the damping ratio
+    damping_s w_k / 2. Raises InputError if the bending stiffness in N m^2, the mass per length in
+    kg/m or the length in m is outside of 1e-12 to 1e12, or if damping_s is below 0.
     """
 
-    bending_stiffness_Nm2: float  # E I
-    mass_per_length_kg_per_m: float  # rho A
+    bending_stiffness_Nm2: float  # bending stiffness E I
+    mass_per_length_kg_per_m: float  # mass per length rho A
     length_m: float
     damping_s: float = 0.0
 
@@ -161,8 +163,8 @@ class Beam:
 
     def poles(self, count: int) -> Matrix:
         """Returns the poles of the transfer function from force to velocity in 1/s, in the shape (1
-        + 2 count,): first 0 for the rigid body, then a pair for each of `count` bending modes in
-        ascending order."""
+        + 2 count,). The first pole is 0, that of the rigid body. A pair of poles for each of the
+        first `count` bending modes follows, in ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
@@ -181,7 +183,7 @@ class Beam:
         `squares`, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
-        # The root of larger magnitude is computed first, because no digits cancel in its formula.
+        # The root of larger magnitude is computed first, because its formula has no cancellation.
         far = half + np.where(half < 0, -1, 1) * root
         return np.column_stack([-squares / far, far]).ravel()
 
@@ -222,11 +224,10 @@ class Beam:
         return factor * act, factor * tip
 
     def polynomial(self, modes: int, output: str = "actuator") -> Factored:
-        """Returns the rational approximation of V_act / F_a or V_tip / F_a with the first `modes`
-        bending modes, as an object of the class Factored.
+        """Returns a rational approximation of V_act / F_a or V_tip / F_a, as a Factored.
 
-        It has the exact poles and zeros of the first `modes` modes, the same number of each, and
-        the exact low-frequency gain 1 / (rho A l s).
+        It has the exact poles and zeros of the first `modes` bending modes, the same number of
+        each. It also has the exact low-frequency gain 1 / (rho A l s).
         """
         zeros = {"actuator": self.actuator_zeros, "tip": self.tip_zeros}
         if output not in zeros:
@@ -237,12 +238,12 @@ class Beam:
 
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
         """Returns the largest error |approximation / true - 1| of the complex frequency response of
-        the beam, between frequency 0 and the frequency of a bending mode.
+        the beam, from frequency 0 to the frequency of the bending mode number `through`.
 
         The error is evaluated at 4000 frequencies from a thousandth of the first pole to the pole
-        of mode `through`, and at a relative distance of 1e-6 from each pole and zero between. No
-        frequency is excluded: the approximation shares these poles and zeros, so the ratio has no
-        peak there and its error increases up to the last frequency.
+        of mode `through`. It is also evaluated at a relative distance of 1e-6 from each pole and
+        zero in this range. No frequency is excluded: the approximation has the same poles and
+        zeros, so the ratio has no peak there. The error increases up to the last frequency.
         """
         if modes < through:
             raise InputError(f"beam: expected at least {through} modes, got {modes}")
@@ -257,8 +258,8 @@ class Beam:
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
     ) -> list["ApproximationError"]:
-        """Returns the errors of the approximations of V_act and V_tip (see `approximation_error`)
-        for each number of bending modes in `modes`."""
+        """Returns the errors of the approximations of V_act and V_tip, for each number of bending
+        modes in `modes`. See `approximation_error`."""
         outputs = ("actuator", "tip")
         return [
             ApproximationError(n, *(self.approximation_error(n, o, through) for o in outputs))
@@ -268,9 +269,9 @@ class Beam:
     def lumped(self, elements: int) -> "LumpedBeam":
         """Returns a LumpedBeam with `elements` bending elements and the total mass of this beam.
 
-        The beam is divided into 2 `elements` equal parts: one for the sliding body, two for each
-        inner body, one for the last body. Each body is located at the common centre of mass of its
-        parts. With more elements the modes approach those of the beam.
+        The beam is divided into 2 `elements` equal parts. The sliding body gets one part, each
+        inner body two, and the last body one. Each body is at the common centre of mass of its
+        parts. With more elements, the modes approach those of the beam.
         """
         if elements < 1:
             raise InputError(f"beam: expected at least 1 element, got {elements}")
@@ -293,15 +294,15 @@ class LumpedBeam:
     """Lumped-parameter beam in bending. With one element, the model is that of Figure 2.24 of the
     thesis.
 
-    The model has one mass that slides without turning, and masses that move and turn. Each mass is
-    joined to the previous one by a massless bending element. The tip is `tip_offset_m` beyond the
-    last centre.
+    The model has one mass that slides without turning, and masses that move and turn. A massless
+    bending element joins each mass to the previous one. The tip is `tip_offset_m` beyond the centre
+    of the last mass.
     """
 
-    bending_stiffness_Nm2: float  # E I of the elements
-    # length in m of each element, between the centres of the two masses of the element
+    bending_stiffness_Nm2: float  # bending stiffness E I of the elements
+    # length in m of each element, from the centre of its first mass to that of its second mass
     lengths_m: tuple[float, ...]
-    # mass of the sliding body in kg, then one mass in kg for each element
+    # mass of the sliding body in kg, followed by one mass in kg for each element
     masses_kg: tuple[float, ...]
     # moments of inertia in kg m^2 of all masses except the sliding mass
     inertias_kgm2: tuple[float, ...]
@@ -330,9 +331,10 @@ class LumpedBeam:
         J2_kgm2: float,
         tip_offset_m: float,
     ) -> "LumpedBeam":
-        """Returns the beam of Figure 2.24 with two masses and one element: bending stiffness E I in
-        N m^2, length of the element in m, masses in kg, inertia of the second mass in kg m^2,
-        offset of the tip in m. Raises InputError for values that are not > 0."""
+        """Returns the beam of Figure 2.24 with two masses and one element. The arguments are the
+        bending stiffness E I in N m^2, the length of the element in m, the masses in kg, the
+        inertia of the second mass in kg m^2, and the offset of the tip in m. Raises InputError for
+        a value that is not above 0."""
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
     def matrices(self) -> tuple[Matrix, Matrix]:
@@ -342,7 +344,7 @@ class LumpedBeam:
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # This matrix includes the angle of the sliding mass, which the function removes at its end.
+        # This matrix includes the angle of the sliding mass. The angle is removed at the end.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
         # Stiffness matrix of a massless element for the coordinates (x, angle length) of both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
@@ -370,9 +372,10 @@ class LumpedBeam:
 
     def nonminimum_phase(self) -> bool:
         """Returns True if the tip of the beam of Figure 2.24 (one element) has a real +- pair of
-        zeros. The condition is e (l/2) m2 > J2.
+        zeros. The condition is e (l/2) m2 > J2, where e is the offset of the tip.
 
-        The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); if both sides are equal there are no zeros.
+        The zeros follow from s^2 = E I / (l (e (l/2) m2 - J2)). If both sides of the condition are
+        equal, there are no zeros.
         """
         if len(self.lengths_m) != 1:
             raise InputError(
@@ -388,9 +391,9 @@ class TwoLinkArm:
 
     Motor 1 turns link 1 against ground, and motor 2 turns link 2 against link 1. A joint without a
     drive torque is held by its servo with the stiffness k (N m/rad) and the damping d (N m s/rad).
-    Lengths l and distances c of the centres of mass from their joints in m, masses m in kg,
-    inertias I about these centres in kg m^2. The defaults are two uniform links, not values of the
-    thesis.
+    l: lengths of the links in m. c: distances of the centres of mass from the joints in m. m:
+    masses in kg. I: inertias about the centres of mass in kg m^2. The defaults are two uniform
+    links, not values of the thesis.
     """
 
     l1: float = 0.5
@@ -449,13 +452,13 @@ class TwoLinkArm:
         return structure.system((*names, "x", "y", "normal"), rows, velocity=False)
 
     def nonminimum_phase(self) -> bool:
-        """Returns True if the response of the arm from torque 1 to the normal motion of the
-        endpoint has a real zero > 0, while a spring with the stiffness k2 > 0 acts on joint 2.
+        """Returns True if the response from torque 1 to the normal motion of the endpoint has a
+        real zero > 0. A spring with the stiffness k2 > 0 acts on joint 2.
 
         The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
-        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)). For an angle below 90 degrees one zero is
-        positive if and only if I2 < m2 c2 (l2 - c2), that is if the centre of percussion of link 2
-        lies before the endpoint.
+        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)). For an angle below 90 degrees, one zero is
+        positive if and only if I2 < m2 c2 (l2 - c2). This means that the centre of percussion of
+        link 2 lies before the endpoint.
         """
         j1, j2 = self.jacobian()[2]
         M = self.mass_matrix()
@@ -466,8 +469,8 @@ class TwoLinkArm:
 class _Structure:
     """A mechanical structure with the equation M q'' + D q' + K q = forces u.
 
-    coordinates: names of q. M, D, K (n, n) in SI units. inputs: names of u. forces (n, inputs):
-    force on each coordinate by each input.
+    coordinates: names of q. M, D, K: matrices (n, n) in SI units. inputs: names of u. forces:
+    matrix (n, inputs) with the force of each input on each coordinate.
     """
 
     coordinates: tuple[str, ...]
@@ -505,8 +508,8 @@ class ApproximationError:
 
 @dataclass(frozen=True)
 class BeamMode:
-    """A bending mode of a beam: the root b l of the beam equation; the pole and the actuator's zero
-    in rad/s, each an imaginary pair; the tip's zero in 1/s, a real pair."""
+    """A bending mode of a beam. It has the root b l of the beam equation, the pole and the
+    actuator's zero in rad/s (each an imaginary pair), and the tip's zero in 1/s (a real pair)."""
 
     b_l: float
     pole_rad_per_s: float

@@ -1,9 +1,9 @@
-"""The response of a linear system along the stability boundary, the important frequencies of this
-response, and the states that affect the response. The system has one input and one output, in
-minimal() as many inputs as outputs.
+"""The response of a linear system along the stability boundary: its important frequencies, and the
+states that affect it. The system has one input and one output. Only minimal() accepts more, with as
+many inputs as outputs.
 
-Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
-(z - 1)/(z + 1) for a sampled system.
+Frequencies belong to a plane in which the imaginary axis is the stability boundary. This is the s
+plane, or the plane of w = (2/T) (z - 1)/(z + 1) for a sampled system.
 """
 
 from dataclasses import replace
@@ -14,14 +14,14 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# Smallest ratio of a new vector component to the vector that is no rounding error.
-# A smaller component ends the search for states that the input controls.
+# If the new part of a vector is smaller than this share of the vector, it is a rounding error.
+# The search for states that the input controls then ends.
 DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Returns an orthonormal basis of the states that the inputs can control. The columns are the
-    basis vectors."""
+    """Returns an orthonormal basis of the states that the inputs can control. Each column is one
+    basis vector."""
     basis: Matrix = np.zeros((len(A), 0))
     images = [B[:, i : i + 1] for i in range(B.shape[1])]
     while images and basis.shape[1] < len(A):
@@ -37,10 +37,11 @@ def _reachable(A: Matrix, B: Matrix) -> Matrix:
 def minimal(system: System) -> System:
     """Returns the system without the states that are not controllable or not observable.
 
-    The poles of these states do not depend on the gain, even on the stability boundary (for example
-    a position that drifts).
+    The poles of these states do not depend on the gain, even if they are on the stability boundary.
+    An example is a position that drifts.
     """
-    # Balancing includes input and output. Otherwise the state of a delay can appear unobservable.
+    # The matrices are balanced with input and output. Otherwise, the state of a delay can appear
+    # unobservable.
     n = len(system.A)
     corner = np.zeros((len(system.C), system.B.shape[1]))
     scale = _core.balance(np.block([[system.A, system.B], [system.C, corner]]))
@@ -85,14 +86,14 @@ def response(system: System) -> _core.BoundaryResponse:
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Returns frequencies in rad/s, > 0, along the stability boundary: the given `roots`, and
-    values beside and between the roots. `fastest`: largest magnitude of a pole in 1/s."""
+    """Returns frequencies in rad/s, > 0, along the stability boundary. They are the given `roots`,
+    and values beside and between the roots. `fastest`: largest magnitude of a pole in 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    # Two equal roots are used as one root, because no frequency lies between equal roots.
+    # Of two equal roots, only one is used, because no frequency lies between them.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])
     middle = np.sqrt(found[:-1] * found[1:])
-    # Rounding errors hide the response at a root, so frequencies beside each root are added.
+    # Rounding errors hide the response at a root, so frequencies near each root are added.
     around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
     return np.unique(np.concatenate([middle, *around]))

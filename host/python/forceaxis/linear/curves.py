@@ -27,7 +27,7 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# For each transfer function of the loop: the function that returns it as a System at a gain.
+# Transfer functions of a force loop: {name: function that returns it as a System at a gain}.
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -39,8 +39,9 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     """Returns the phase of a frequency response in degrees without jumps of 360 degrees. The slope
     of the magnitude at the lowest frequency determines the phase at this frequency.
 
-    A response with a constant magnitude at the lowest frequencies starts at 0 degrees (-180 if
-    negative), one with an integrator at -90, and one that increases with the frequency at +90.
+    A response with a constant magnitude at the lowest frequencies starts at 0 degrees, or at -180
+    degrees if it is negative. A response with an integrator starts at -90 degrees. A response that
+    increases with the frequency starts at +90 degrees.
     """
     phase: Numbers = np.degrees(np.unwrap(np.angle(response)))
     if len(phase) < 2:
@@ -56,11 +57,11 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
 def grid_hz(
     low_hz: float, high_hz: float, roots: Iterable[complex] = (), points: int = 400
 ) -> Numbers:
-    """Returns frequencies in Hz with equal logarithmic steps, and with smaller steps near lightly
-    damped roots.
+    """Returns frequencies in Hz with equal logarithmic steps. Near lightly damped roots, the steps
+    are smaller.
 
-    roots: poles and zeros in 1/s. The smaller steps are proportional to each root's own width, so
-    that no peak and no phase change falls between two frequencies.
+    roots: poles and zeros in 1/s. The smaller steps near a root are proportional to the width of
+    its peak, so that no peak and no phase change falls between two frequencies.
     """
     grid = [np.geomspace(low_hz, high_hz, points)]
     widths = np.concatenate([[0.0], np.geomspace(0.1, 60, 32)])
@@ -75,8 +76,8 @@ def grid_hz(
 
 @dataclass(frozen=True)
 class CurveTable:
-    """A frequency response for the JSON output: magnitude in `unit` and phase in degrees without
-    jumps, at the frequencies `frequency_hz`."""
+    """A frequency response for the JSON output, at the frequencies `frequency_hz`: magnitude in
+    `unit`, and phase in degrees without jumps."""
 
     label: str
     unit: str
@@ -130,7 +131,7 @@ def curve(
 class BodeCurve:
     """One curve of a Bode plot: the output of the response, the values of the curve, and the force
     loop with its margins at the gain. The loop is None if the input of the response is not the
-    input of a force loop."""
+    input of the force loop."""
 
     output: str
     table: CurveTable = json_field(inline=True)
@@ -139,8 +140,8 @@ class BodeCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopBode:
-    """Frequency responses of a force loop. `of`: name of the transfer function of the loop, a key
-    of PARTS."""
+    """Frequency responses of a force loop. `of`: name of the shown transfer function, a key of
+    PARTS."""
 
     loop: AnalysedLoop = json_field(inline=True)
     of: str
@@ -156,9 +157,9 @@ class LoopBode:
 
 @dataclass(frozen=True, kw_only=True)
 class PlantBode:
-    """Frequency responses of a plant from `input`. `of`: the text "plant". `timing`: a name of
-    loops.TIMINGS, or the sampling period of a measurement. `working`: states of the elements of the
-    plant, None if no element has different states."""
+    """Frequency responses of a plant from its input `input`. `of`: the text "plant". `timing`: a
+    name of loops.TIMINGS, or the sampling period of a measurement. `working`: states of the
+    elements of the plant, or None if no element has different states."""
 
     model: str
     of: str
@@ -170,8 +171,8 @@ class PlantBode:
 
 @dataclass(frozen=True, kw_only=True)
 class NyquistResult:
-    """The loop gain k L at the frequencies of a Nyquist plot, the critical gain of the loop, and
-    the margins of the loop at the gain of the plot."""
+    """The result of a Nyquist plot: the loop gain k L at its frequencies, the critical gain of the
+    loop, and the margins of the loop at the plotted gain."""
 
     limit: LimitResult = json_field(inline=True)
     at: LoopAtGain
@@ -188,7 +189,7 @@ class Channel:
     elements.
 
     input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
-    as in LoopSpec.
+    a value as in LoopSpec.
     """
 
     input: str = "drive.command"
@@ -207,7 +208,7 @@ def model_curve(
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> Curve:
     """Returns the open-loop frequency response of a model in SI units. `channel`: input and output
-    of the response; None means the response from the command to the measured force.
+    of the response. None selects the response from the command to the measured force.
 
     Raises InputError if the input does not act on the output.
     """
@@ -234,21 +235,21 @@ def model_curve(
 
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
-    """Returns the unit of a frequency response, such as "N/V", which is the unit of the output
-    divided by the unit of the input. Returns "" if both units are equal. `settings`: {parameter:
-    value} of the model."""
+    """Returns the unit of a frequency response, such as "N/V": the unit of the output divided by
+    that of the input. Returns "" if both units are equal. `settings`: {parameter of the model:
+    value}."""
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    # An output outside of the table of signals is an ADC or the encoder: its unit is the count.
+    # An output that is not in the table of signals is an ADC or the encoder. Its unit is the count.
     above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
 
 
 def check_span(span_hz: tuple[float, float], timing: str) -> None:
-    """Raises InputError if the frequencies `span_hz` are outside the range in which the frequency
-    response is defined."""
+    """Raises InputError if the frequencies `span_hz` are outside of the range in which the
+    frequency response is defined."""
     low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
@@ -264,9 +265,9 @@ class BodeView:
     """The choices of the user for a Bode plot: transfer function of the loop, input, outputs,
     frequencies and varied parameters.
 
-    part: "plant", or a name of PARTS; None: the plant of a model, the loop of an experiment.
-    input, outputs: of the plant. span_hz: lowest and highest frequency, Hz. vary: texts
-    NAME=VALUE,VALUE, one curve for each combination of values.
+    part: "plant", or a name of PARTS. None selects the plant of a model, or the loop of an
+    experiment. input, outputs: names of signals of the plant. span_hz: lowest and highest frequency
+    in Hz. vary: texts NAME=VALUE,VALUE. The plot has one curve for each combination of values.
     """
 
     part: str | None = None
@@ -277,8 +278,8 @@ class BodeView:
 
 
 def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], LoopBode]:
-    """Returns the curves and the result for one transfer function of a force loop, with one curve
-    for each combination of the parameter values in `vary`."""
+    """Returns (curves, result) for one transfer function of a force loop. There is one curve for
+    each combination of the parameter values in `vary`."""
     curves, rows = [], []
     for label, values in varied(request.overrides, view.vary):
         loop = replace(request, overrides=values).loop()
@@ -292,8 +293,8 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
 
 
 def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBode]:
-    """Returns the curves and the result of the Bode plot of a plant, with one curve for each output
-    and each combination of the parameter values in `vary`."""
+    """Returns (curves, result) of the Bode plot of a plant. There is one curve for each output and
+    each combination of the parameter values in `vary`."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
         raise ParameterError(
@@ -314,7 +315,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             limit = None
-            if view.input == "drive.command":  # A force loop has drive.command as its only input.
+            if view.input == "drive.command":  # The only input of a force loop is drive.command.
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 limit = limits.limit_result(loop, request.gain_of(loop))

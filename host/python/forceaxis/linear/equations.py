@@ -1,5 +1,5 @@
-"""State space of a model with given states of its elements, computed from the same equations as the
-simulation."""
+"""State space of a model with given states of its elements. It is computed from the same equations
+as the simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ def read(
     free: bool = False,
     drive: bool = True,
 ) -> Equations:
-    """Returns the linear equations of the model file at `path`. Arguments and errors are those of
-    `system.linearise`."""
+    """Returns the linear equations of the model file at `path`. The other arguments and the errors
+    are those of `system.linearise`."""
     return Equations(
         **_core.linear(path, list(inputs), list(outputs), dict(overrides), dict(modes), free, drive)
     )

@@ -11,8 +11,8 @@ from forceaxis.words import number, suggestion
 
 
 class LawKey(NamedTuple):
-    """A key of the text of a control law. `parameter`: its name in LoopSpec, or that of the gain in
-    LoopRequest. `unit`: unit of its value."""
+    """A key in the text of a control law. `parameter`: name of the field of LoopSpec that the key
+    sets, or of LoopRequest for the gain. `unit`: unit of the value of the key."""
 
     parameter: str
     unit: str
@@ -35,7 +35,7 @@ KEY_OF = {key.parameter: name for name, key in KEYS.items()}
 @dataclass(frozen=True)
 class LawText:
     """The content of the text of a control law. `law`: a name of LAWS, or None for the law of the
-    experiment. The other fields: as in LoopRequest."""
+    experiment. The other fields are as in LoopRequest."""
 
     law: str | None = None
     parameters: dict[str, float] = field(default_factory=dict)
@@ -58,8 +58,9 @@ def described_keys() -> str:
 
 
 def parse_law(text: str) -> LawText:
-    """Returns the control law in a text NAME, NAME:KEY=VALUE,... or KEY=VALUE,... Which keys belong
-    to which law is checked with the loop, which may get the law from an experiment.
+    """Returns the control law in a text NAME, NAME:KEY=VALUE,... or KEY=VALUE,... Whether a key
+    belongs to the law is checked later, with the loop, because the law may be that of an
+    experiment.
 
     Raises ParameterError for the parameter `law` if the text has another form, or names a law or a
     key that does not exist.

@@ -1,13 +1,15 @@
-"""A force loop whose ticks are not all alike, lifted over the period after which its ticks repeat.
+"""A force loop whose ticks are not all alike, lifted over the period after which the ticks repeat.
 
-The firmware computes its law in every tick. Over a bus, only the code of the first tick of a cycle
-leaves for the drive, which holds it. A force sensor with a clock of its own gives samples at its
-own instants, and the firmware has the newest one that has arrived. The filter of its converter
-weights the force of the last periods of the samples. The ticks repeat after the common period of
-cycle and samples. From the codes of a period to the law's outputs that become the
-next codes, the loop is a linear system with the period as its sampling time. So limits and margins
-are those of any sampled loop, and exact. The loop is cut at the codes: S, T and the margins are
-those of a disturbance of the codes, each of which lasts for one cycle of the bus.
+The firmware computes its law in every tick. Over a bus, only the code of the first tick of a bus
+cycle is sent to the drive, and the drive holds this code. A force sensor with a clock of its own
+gives samples at its own instants. The firmware uses the newest sample that has arrived. The filter
+of the sensor's converter weights the force of the last periods of the samples.
+
+The ticks repeat after the common period of bus cycles and samples. From the codes of a period to
+the outputs of the law that become the next codes, the loop is a linear system. Its sampling time is
+this period. So limits and margins are exact, and are those of any sampled loop. The loop is cut at
+the codes: S, T and the margins belong to a disturbance of the codes, which is constant over each
+bus cycle.
 """
 
 import math
@@ -22,15 +24,15 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.plant_facts import BusFacts
 
 # Delay in ticks of a sample that just misses its tick.
-# The simulator treats an instant within 1e-6 of a tick as this tick.
+# The simulator regards an instant within 1e-6 of a tick as this tick.
 MISSED_BY = Fraction(1, 100_000)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The instants of a force sensor in ticks: `every` from sample to sample, `phase` from tick 0
-    to a sample (at least 0 and below `every`), `latency` from a sample to its arrival. sinc_order:
-    of the converter's filter, 0 for none."""
+    """The instants of a force sensor in ticks. `every`: time from one sample to the next. `phase`:
+    time from tick 0 to a sample, at least 0 and below `every`. `latency`: time from a sample to its
+    arrival. sinc_order: order of the converter's filter, 0 without a filter."""
 
     every: Fraction
     phase: Fraction
@@ -39,46 +41,48 @@ class Samples:
 
     @property
     def period_ticks(self) -> int:
-        """Number of ticks after which the instants repeat."""
+        """Number of ticks after which the instants of the samples repeat."""
         return self.every.numerator
 
     def instant(self, sample: int) -> Fraction:
-        """Returns the instant of a sample. Sample 0 is the first one from tick 0 on."""
+        """Returns the instant of a sample in ticks. Sample 0 is the first one from tick 0 on."""
         return self.phase + sample * self.every
 
     def newest(self, tick: int) -> int:
-        """Returns the newest sample that has arrived at a tick."""
+        """Returns the number of the newest sample that has arrived at a tick."""
         return math.floor((tick - self.latency - self.phase) / self.every)
 
     def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
-        """Yields samples with other phases: for each different order of samples and cycles, the
-        phase with the oldest readings, the one in the middle, and the one with the newest."""
+        """Yields samples with other phases. For each different order of samples and bus cycles
+        there are three phases: with the oldest readings, with readings of middle age, and with the
+        newest readings."""
         share = Fraction(math.gcd(self.every.numerator, cycle_ticks * self.every.denominator))
         for order in range(int(share)):
             for late in (MISSED_BY, self._step / 2, Fraction(0)):
                 yield self._arriving(order, late)
 
     def within(self, order: int, share: float) -> "Samples":
-        """Returns samples with a phase in an order of samples and cycles, from 0 (the oldest
-        readings) to 1 (the newest)."""
+        """Returns samples with another phase within an order of samples and bus cycles. `share`: 0
+        for the oldest readings to 1 for the newest readings."""
         late = Fraction(share).limit_denominator(10**4) * self._step
         return self._arriving(order, max(late, MISSED_BY))
 
     @property
     def _step(self) -> Fraction:
-        """Time in ticks between phases at which the order of samples and ticks changes."""
+        """Time in ticks between two phases at which the order of samples and ticks changes."""
         return Fraction(1, self.every.denominator)
 
     def _arriving(self, order: int, late: Fraction) -> "Samples":
-        """Returns samples whose phase differs from the start of an order of samples and ticks by a
-        given time."""
+        """Returns samples with another phase. `order`: an order of samples and ticks. `late`: time
+        from the start of this order."""
         arrives = (order * self._step + late - self.latency) % self.every
         return replace(self, phase=arrives)
 
 
 class Within(NamedTuple):
-    """The signal that a sensor samples, between two ticks, or its moments: `rows` over the states
-    of the plant at the tick, `direct` over the voltage that acts from this tick on."""
+    """The signal that a sensor samples, at an instant between two ticks, or moments of this signal.
+    `rows`: effect of the states of the plant at the tick. `direct`: effect of the voltage that acts
+    from this tick on."""
 
     rows: Matrix
     direct: Matrix
@@ -88,16 +92,19 @@ class Within(NamedTuple):
 class TickPlant:
     """The plant and the law of one tick.
 
-    A, B: of the plant, sampled with the tick, from the voltage. force: row of the measured force
-    (with the law's derivative of a sensor of velocity). within: the measured force at a share of a
-    tick, above 0. moments: its moments 1, 2, .. up to a number, over a share of a tick from its
-    start on, about the end of this share (sim/hybrid/sinc_filter.hpp). derivative_s: of the law's
-    difference of two readings. shown: row of the controlled signal. position: row of the encoder's
-    position. stiffness, damping: of a law of motion, as gains of position and velocity. inner: gain
-    of the inner damping in V s/m. law: filter between error and gain. tick_s: in s. late: ticks of
-    latency of the firmware. late_motion: ticks by which a law of motion has its position and
-    velocity late.
-    """
+    A, B: matrices of the plant from the voltage, sampled with the tick. force: row of the measured
+    force. With a sensor of the force's derivative, the row includes this part of the law. within:
+    function that returns the measured force at a share of a tick, above 0.
+
+    moments: function that returns the moments 1, 2, .. of the measured force. The arguments are a
+    share of a tick from the start of the tick on, and the number of moments. The moments are about
+    the end of this share (sim/hybrid/sinc_filter.hpp).
+
+    derivative_s: derivative time of a law with the difference of two readings. shown: row of the
+    controlled signal. position: row of the encoder's position. stiffness, damping: gains of
+    position and velocity of a law of motion. inner: gain of the inner damping in V s/m. law: filter
+    between error and gain. tick_s: duration of a tick in s. late: latency of the firmware in ticks.
+    late_motion: age in ticks of position and velocity in a law of motion."""
 
     A: Matrix
     B: Matrix
@@ -118,10 +125,10 @@ class TickPlant:
 
 @dataclass(frozen=True)
 class Lifted:
-    """The loop over one period. The inputs of A, B, C, D are the codes in V; the outputs are those
+    """The loop over one period. The inputs of A, B, C, D are the codes in V. The outputs are those
     outputs of the law that become codes, and the controlled signal at the start of the period.
-    enters, direct: effect of a set-point, which is constant over a period, on the states and on the
-    outputs of the law."""
+    enters, direct: effects of a set-point that is constant over a period. `enters` is the effect on
+    the states, and `direct` is the effect on the outputs of the law."""
 
     A: Matrix
     B: Matrix
@@ -132,21 +139,21 @@ class Lifted:
 
 
 def lift(plant: TickPlant, bus: BusFacts, samples: Samples | None = None) -> Lifted:
-    """Returns the loop of a plant and a law over a bus, with a force sensor that gives `samples`
-    (None: one in each tick), lifted over the period after which its ticks repeat."""
+    """Returns the loop of a plant and a law over a bus, lifted over the period after which its
+    ticks repeat. `samples`: samples of the force sensor, or None for one sample in each tick."""
     return _Period(plant, bus, samples).lifted()
 
 
 def spline_pieces(order: int) -> list[list[Fraction]]:
-    """Returns the polynomial pieces of the B-spline of an order. Each row has the coefficients of
-    one piece, the lowest power first, for a variable from 0 to 1 within the piece."""
+    """Returns the polynomial pieces of the B-spline of order `order`. Each row has the coefficients
+    of one piece, with the lowest power first. The variable runs from 0 to 1 within the piece."""
     pieces = [[Fraction(1)]]
     for n in range(2, order + 1):
         grown = []
         for i in range(n):
             own = pieces[i] if i < n - 1 else [Fraction(0)] * (n - 1)
             before = pieces[i - 1] if i > 0 else [Fraction(0)] * (n - 1)
-            # ((i + x) own + (n - i - x) before) / (n - 1)
+            # ((i + x) own + (n - i - x) before) / (n - 1), with x from 0 to 1
             flat = [i * a + (n - i) * b for a, b in zip(own, before, strict=True)] + [Fraction(0)]
             steep = [Fraction(0), *(a - b for a, b in zip(own, before, strict=True))]
             grown.append([(a + b) / (n - 1) for a, b in zip(flat, steep, strict=True)])
@@ -159,13 +166,15 @@ def _rounded(value: Fraction) -> np.longdouble:
 
 
 class _SincFilter:
-    """The filter of a converter over one period of the loop. All quantities are rows as those of
-    _Period: `chain` the moments of the present interval between two samples, about the present
+    """The sinc filter of a converter over one period of the loop. All its quantities are rows, as
+    those of _Period. `chain`: moments of the present interval between two samples, about the
+    present tick. `due`: what past intervals add to the next samples, the nearest sample first.
     tick, and `due` what past intervals add to the next samples, the nearest one first."""
 
     def __init__(self, order: int, every: Fraction, rows: Matrix) -> None:
         self.chain, self.due = rows[:order], list(rows[order:])
-        # factor of each moment of an interval in the sample at its end, in the next one, and so on
+        # weights of the moments of an interval: in the sample at the end of the interval, in the
+        # next sample, and so on
         self.weights = np.array([
             [_rounded(c * math.factorial(j) / every ** (j + 1)) for j, c in enumerate(piece)]
             for piece in spline_pieces(order)
@@ -173,7 +182,7 @@ class _SincFilter:
 
     @staticmethod
     def states(order: int) -> int:
-        """Returns the number of rows of a filter."""
+        """Returns the number of rows of a filter of order `order`."""
         return 2 * order - 1
 
     @property
@@ -182,8 +191,8 @@ class _SincFilter:
         return [self.chain, *(row[None] for row in self.due)]
 
     def moved(self, share: Fraction, moments: Matrix) -> Matrix:
-        """Returns the moments of the interval about a later instant of the tick. `moments`: those
-        of the force from the tick on."""
+        """Returns the moments of the present interval about a later instant of the tick.
+        `moments`: moments of the force from the start of the tick on."""
         return self._about(float(share)) @ self.chain + moments
 
     def sample(self, share: Fraction, moments: Matrix) -> Matrix:
@@ -191,13 +200,13 @@ class _SincFilter:
         shares = self.weights @ self.moved(share, moments)
         value = self.due[0] + shares[0]
         self.due = [row + more for row, more in zip([*self.due[1:], 0], shares[1:], strict=True)]
-        # the moments of the next interval are 0 at this instant
+        # at this instant, the moments of the next interval are 0
         self.chain = -self._about(-float(share)) @ moments
         return np.asarray(value[None])
 
     def _about(self, later: float) -> Matrix:
-        """Returns the matrix that converts moments about an instant to moments about the instant
-        `later` ticks after it."""
+        """Returns a matrix that converts moments about one instant to moments about another
+        instant. The other instant is `later` ticks later."""
         order = len(self.chain)
         return np.array([
             [
@@ -209,8 +218,8 @@ class _SincFilter:
 
 
 class _Period:
-    """The quantities of the ticks of one period. Each is a row over the states at the start of the
-    period, the codes of the period and the set-point."""
+    """The signals in the ticks of one period. Each signal is a row that multiplies the states at
+    the start of the period, the codes of the period, and the set-point."""
 
     def __init__(self, plant: TickPlant, bus: BusFacts, samples: Samples | None) -> None:
         self.plant, self.bus, self.samples = plant, bus, samples
@@ -221,7 +230,8 @@ class _Period:
         counts = 1 - ((-1 - plant.late_motion - bus.delay_ticks_in) // bus.cycle_ticks)
         sizes = [
             len(plant.A),
-            -((-bus.delay_ticks_out) // bus.cycle_ticks),  # codes that no drive has yet
+            # codes that have not reached the drive yet
+            -((-bus.delay_ticks_out) // bus.cycle_ticks),
             counts,
             -samples.newest(0) if samples else 0,
             _SincFilter.states(order) if order else 0,
@@ -235,14 +245,14 @@ class _Period:
         parts = [self.rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
         self.x, sent, counted, taken, kept, self.law, self.output, self.reading_before = parts
         self.filter = _SincFilter(order, samples.every, kept) if samples and order else None
-        # Rows of codes, positions and samples, the newest code and position first.
+        # Rows of codes, positions and samples. The newest code and the newest position come first.
         self.sent = [sent[i : i + 1] for i in range(len(sent))]
         self.counts = [counted[i : i + 1] for i in range(counts)]
         self.taken = {i - len(taken): taken[i : i + 1] for i in range(len(taken))}
         self.next_sample = 0
 
     def lifted(self) -> Lifted:
-        """Returns the loop over the period."""
+        """Returns the loop over one period."""
         acting, shown = [], self.plant.shown @ self.x
         kept = [len(self.sent), len(self.counts), len(self.taken)]
         for tick in range(self.ticks):
@@ -270,7 +280,7 @@ class _Period:
         return int(self.ticks / self.samples.every) if self.samples else 0
 
     def _compute(self, tick: int) -> None:
-        """Computes the law of a tick."""
+        """Computes the law in one tick."""
         plant = self.plant
         reading = self._reading(tick)
         error = reading - self.rows[-1:]
@@ -302,7 +312,7 @@ class _Period:
         self.next_sample += 1
 
     def _code(self, tick: int) -> Matrix:
-        """Returns the code of the cycle that begins at a tick."""
+        """Returns the code of the bus cycle that begins at a tick."""
         at = self.size + tick // self.bus.cycle_ticks
         code = self.rows[at : at + 1]
         if self.plant.inner:
@@ -310,8 +320,8 @@ class _Period:
         return code
 
     def _move(self, tick: int) -> None:
-        """Computes the plant up to the next tick, and takes the samples of the force that lie in
-        between."""
+        """Computes the plant up to the next tick, and takes the samples of the force between the
+        two ticks."""
         cycle = self.bus.cycle_ticks
         sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
         while self.samples and self.samples.instant(self.next_sample) < tick + 1:
@@ -327,13 +337,15 @@ class _Period:
         self.x = self.plant.A @ self.x + self.plant.B @ sent
 
     def _moments(self, share: Fraction, sent: Matrix) -> Matrix:
-        """Returns the moments of the force from the tick on, over a share of a tick."""
+        """Returns the moments of the force from the start of a tick on, over a share of the
+        tick."""
         assert self.filter
         moments = self.plant.moments(share, len(self.filter.chain))
         return np.asarray(moments.rows @ self.x + moments.direct @ sent)
 
     def _held(self, tick: int, now: int) -> Matrix:
-        """Returns the position that the firmware has in a tick, at the tick `now`."""
+        """Returns the position that the firmware has in the tick `tick`. `now`: the present
+        tick."""
         cycle = self.bus.cycle_ticks
         return self.counts[now // cycle - (tick - self.bus.delay_ticks_in) // cycle]
 

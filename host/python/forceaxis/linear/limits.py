@@ -25,10 +25,10 @@ from forceaxis.results import json_field
 class AnalysedLoop:
     """Description of the force loop that was analysed, for the JSON output.
 
-    model: path of the model. parameters: those of the law in SI units. timing: a name of
-    loops.TIMINGS, or several joined by "and". output: the controlled signal. working: states of the
-    elements, None if no element has different states. bank: coefficients of the law, None without a
-    bank.
+    model: path of the model. parameters: parameters of the law in SI units. timing: a name of
+    loops.TIMINGS, or several names joined by "and". output: the controlled signal. working: states
+    of the elements, or None if no element has different states. bank: coefficients of the law, or
+    None for a law without a filter bank.
     """
 
     model: str
@@ -56,8 +56,9 @@ class AnalysedLoop:
 @dataclass(frozen=True, kw_only=True)
 class LoopAtGain:
     """Bandwidths and margins of a force loop at one gain k, in the unit of the loop.
-    `firmware_gain`: k in DAC codes per 8-bit count, or None if the loop does not feed back ADC
-    0. `dead_law`: why the law gives no command for any force that the sensor measures, or None."""
+    `firmware_gain`: k in DAC codes per 8-bit count, or None if the loop does not feed back ADC 0.
+    `dead_law`: reason why the law gives no command for any force that the sensor measures, or None
+    if it gives one."""
 
     gain: float
     firmware_gain: float | None
@@ -71,11 +72,11 @@ class LimitResult:
     """The critical gain of a force loop, the gains at which a closed-loop pole crosses the
     stability boundary, and the ranges of stable gains.
 
-    critical_gain: in `unit`; None if the loop is stable at every gain, or at every gain up to
-    known_to; 0 if the loop is unstable at every small gain, see `reason`. frequency_hz: of the
-    crossing. firmware_gain: the critical gain in DAC codes per 8-bit count; largest_firmware_gain:
-    the largest value below the critical gain that the firmware can store. at: the loop at the gain
-    of the request.
+    critical_gain: gain in `unit`. None if the loop is stable at every gain, or at every gain up to
+    known_to. 0 if the loop is unstable at every small gain, see `reason`. frequency_hz: frequency
+    at which the pole crosses the stability boundary. firmware_gain: the critical gain in DAC codes
+    per 8-bit count. largest_firmware_gain: largest value below it that the firmware can store. at:
+    the loop at the gain of the request.
     """
 
     critical_gain: float | None
@@ -95,10 +96,10 @@ class LimitResult:
 class StepResponse:
     """Response of a closed force loop to a unit step of the set-point at time 0.
 
-    rise_s: from 10 to 90 % of the final value. settle_s: time from which on the signal stays within
-    2 % of the final value. overshoot: share of the final value. `rise_s`, `settle_s` and
-    `overshoot` are None if the value is not reached within the duration, if the final value is 0,
-    or if the loop is unstable. final: final value, None for an unstable loop. value: the signal at
+    rise_s: time from 10 to 90 % of the final value. settle_s: time from which on the signal stays
+    within 2 % of the final value. overshoot: share of the final value. These three fields are None
+    if the signal does not reach the value within the duration, if the final value is 0, or if the
+    loop is unstable. final: final value, or None for an unstable loop. value: signal at the times
     time_s.
     """
 
@@ -126,8 +127,8 @@ class StepResult:
 @dataclass(frozen=True)
 class Root:
     """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, and damping ratio. These
-    four values are None for an infinite root. `re_z`, `im_z`: real and imaginary part in z for a
-    sampled system."""
+    four values are None for an infinite root. `re_z`, `im_z`: real and imaginary part of z for a
+    root of a sampled system."""
 
     re_per_s: float | None
     im_per_s: float | None
@@ -149,7 +150,7 @@ class ClosingGain:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoop:
-    """Description of the closed force loop whose poles are the result."""
+    """Description of the closed force loop to which the computed poles belong."""
 
     loop: AnalysedLoop = json_field(inline=True)
     closed: ClosingGain
@@ -173,9 +174,9 @@ class ClosedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedPlant:
-    """Description of the plant whose poles are the result: path of the model, delay of the
-    input, and states of the elements. The states are None if no element of the model has
-    different states."""
+    """Description of the plant to which the computed poles belong: path of the model, delay of the
+    input, and states of the elements. The states are None if no element of the model has different
+    states."""
 
     model: str
     timing: str
@@ -186,8 +187,8 @@ class AnalysedPlant:
 class PolesResult:
     """Poles, zeros and transfer function of a plant or force loop between one input and one output.
 
-    gain: factor of the product of (s - zeros) / (s - poles). numerator, denominator: coefficients,
-    highest power first, with a monic denominator.
+    gain: factor g in g prod(s - zero) / prod(s - pole). numerator, denominator: coefficients, with
+    the highest power first. The first coefficient of the denominator is 1.
     """
 
     subject: AnalysedPlant | ClosedLoop = json_field(inline=True)
@@ -202,8 +203,8 @@ class PolesResult:
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
-    """Returns the largest value of `force_gain` that the firmware can store and that is below the
-    critical gain. Returns None if there is no such value or if the model has no measured force."""
+    """Returns the largest value of `force_gain` below the critical gain that the firmware can
+    store. Returns None if there is no such value, or if the model has no measured force."""
     gain = limit.stable_to
     if loop.codes_per_gain is None or gain == 0:
         return None
@@ -214,8 +215,8 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
 
 
 def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
-    """Returns the critical gain of a force loop. If a gain k is given, also returns the bandwidths
-    and margins of the loop at k."""
+    """Returns the critical gain of a force loop. If the gain `gain` is given, the result also has
+    the bandwidths and margins at this gain."""
     limit = loop.limit()
     return LimitResult(
         critical_gain=limit.gain,
@@ -244,8 +245,8 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
 
 
 def dead_law(loop: Loop, gain: float) -> str | None:
-    """Returns why the law of a force loop at a gain k rounds each force that the sensor measures to
-    no command, or None."""
+    """Returns the reason why a force loop at a gain k gives no command for any force that the
+    sensor measures: the law rounds each command to 0. Returns None if it gives a command."""
     force_gain = loop.optional_firmware_gain(gain)
     if not force_gain or loop.law not in ("p", "pi", "bank"):
         return None
@@ -256,19 +257,18 @@ def dead_law(loop: Loop, gain: float) -> str | None:
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:
-    """Returns a frequency as text, such as "at 12 Hz". The value None stands for an infinite
-    frequency."""
+    """Returns a frequency as text, such as "at 12 Hz". None stands for an infinite frequency."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
 def _figures(
     time_s: Matrix, value: Matrix, final: float, duration_s: float
 ) -> tuple[float | None, float | None, float | None]:
-    """Returns the rise time, settling time and overshoot of a step response as (rise_s, settle_s,
-    overshoot). The array `value` also contains the response after `duration_s`.
+    """Returns (rise_s, settle_s, overshoot) of a step response: the rise time, settling time and
+    overshoot. The array `value` also contains the response after `duration_s`.
 
-    Settled: the signal stays within 2 % to the end of `value`. A value is None if it is not
-    reached within duration_s, or if the final value is 0.
+    The response is settled if the signal stays within 2 % to the end of `value`. A returned value
+    is None if the signal does not reach it within duration_s, or if the final value is 0.
     """
     if final == 0:
         return None, None, None
@@ -294,7 +294,7 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
         )
     stable = loop.stable(gain)
-    # A settled signal stays within 2 % of its final value, so twice the duration is computed.
+    # A settled signal has to stay within 2 % of its final value, so twice the duration is computed.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None
@@ -327,8 +327,8 @@ def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
 
 
 def _root(value: complex, dt: float | None) -> Root:
-    """Returns an eigenvalue as a Root. The eigenvalue is in 1/s if `dt` is None. Otherwise the
-    eigenvalue is z of a system that is sampled every `dt` seconds."""
+    """Returns an eigenvalue as a Root. The eigenvalue is in 1/s if `dt` is None. Otherwise it is a
+    value of z for a system that is sampled every `dt` seconds."""
 
     def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
@@ -375,8 +375,8 @@ GAIN_EXPECTED = (
 
 def poles_of(request: LoopRequest, input: str | None, output: str | None) -> PolesResult:
     """Returns the poles and zeros of the force loop of `request`, closed at the gain of the
-    request. Without a gain, or with an input, returns the poles and zeros of the plant from `input`
-    (None: drive.command) to `output` (None: measured force)."""
+    request. Without a gain, or with an input, returns the poles and zeros of the plant instead.
+    `input`: None means drive.command. `output`: None means the measured force."""
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or request.law_of(own).firmware_gain is None):
         if request.law not in (None, "p") or request.parameters or request.firmware_law:
@@ -390,7 +390,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    if gain is None:  # another law than that of the experiment, whose gain is that of its bank
+    if gain is None:  # the request has another law than the experiment
         raise ParameterError("law", GAIN_EXPECTED)
     closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
     return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))

@@ -36,10 +36,9 @@ def array(system: System, label: str = "") -> Array:
 
 @dataclass(frozen=True)
 class LocusTable:
-    """A root locus for the JSON output. `branches`, `poles` (of the open loop) and `zeros`:
-    roots in 1/s as [real part, imaginary part], or None for a root at infinity. Each branch has
-    one root for each of `gains`, which are in `unit`. The class stability.Limit describes the
-    other fields."""
+    """A root locus for the JSON output. `branches`, `poles` (of the open loop) and `zeros` are
+    roots in 1/s as [real part, imaginary part], or None for a root at infinity. Each branch has one
+    root for each of `gains`, which are in `unit`. The other fields are those of stability.Limit."""
 
     label: str
     unit: str
@@ -74,7 +73,7 @@ class Locus:
     crossings: list[Crossing]  # all gains at which a closed-loop pole is on the stability boundary
     limit: Limit
     unit: str  # unit of the gain
-    codes: float | None  # firmware gain in DAC codes per 8-bit count that corresponds to k = 1
+    codes: float | None  # force_gain in DAC codes per 8-bit count for k = 1
     span_hz: float
     at_gain: Roots  # closed-loop poles in 1/s at the marked gain
 
@@ -98,9 +97,9 @@ class Locus:
 def span_of(ends: Array, critical_hz: float | None) -> float:
     """Returns the half-width in Hz of a plot that shows the poles and zeros of the structure.
 
-    The plot contains the crossing of the stability boundary and the lightly damped (below 0.3)
-    poles and zeros up to three times its frequency. The electrical poles of the motor are outside,
-    as in 4.3.
+    The plot contains the crossing of the stability boundary, and all lightly damped poles and zeros
+    up to three times the frequency of this crossing. Lightly damped means a damping ratio below
+    0.3. The electrical poles of the motor are outside of the plot, as in 4.3.
     """
     roots = np.concatenate([ends.poles, ends.zeros])
     light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
@@ -111,15 +110,15 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     return 1.35 * float(natural.max(initial=1.0))
 
 
-# Without this decorator, NumPy warns of a pole at z = 0, which is -infinity in 1/s.
+# A pole at z = 0 is -infinity in 1/s. Without this decorator, NumPy would warn of it.
 @np.errstate(divide="ignore", invalid="ignore")
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
 ) -> Locus:
-    """Returns the root locus of a `stability.Loop`, with small steps of the gain inside a plot of
-    the half-width `span_hz` (default: result of span_of()).
+    """Returns the root locus of a `stability.Loop`. The steps of the gain are small inside a plot
+    of the half-width `span_hz`, which is by default the result of span_of().
 
-    gain: at this gain, in the unit of the loop, the closed-loop poles are marked.
+    gain: gain in the unit of the loop at which the closed-loop poles are marked.
     """
     if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
         raise ParameterError("span_hz", f"expected a number > 0, got {span_hz:g}")
@@ -142,7 +141,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # Each pass adds gains where a pole moves far from one gain to the next.
+    for _ in range(6):  # In each pass, gains are added between which a pole moves far.
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))
@@ -179,8 +178,8 @@ def loci(
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
 ) -> tuple[list[Locus], LocusResult]:
-    """Returns the root loci and the result, with one root locus for each combination of the texts
-    `vary`, which have the form NAME=VALUE,VALUE. `span_hz`: as in loci()."""
+    """Returns (root loci, result). There is one root locus for each combination of the values in
+    the texts `vary`, which have the form NAME=VALUE,VALUE. `span_hz`: as in loci()."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]

@@ -1,6 +1,6 @@
 """Force loops: control laws around a plant. The class `stability.Loop` analyses force loops.
 
-A law is u = k e - K_v v, in volts; e is the set-point minus the feedback, in newtons:
+A law is u = k e - K_v v in volts. The error e is the set-point minus the feedback, in newtons:
 
     p           k (f_d - f)                             Fig 1.3
     pi          k (1 + w_i / s) (f_d - f)               1.1.3
@@ -12,12 +12,13 @@ A law is u = k e - K_v v, in volts; e is the set-point minus the feedback, in ne
     impedance   k (K_fs (x_d - x) + K_fd (v_d - v) + f_d - f)   Fig 1.7
     bank        k (integral and sections) (f_d - f), the firmware's general law, see `bank`
 
-f is the signal of ADC 0; x and v are position and velocity of the encoder (drive's body relative to
-its reaction body). K_v is the optional inner damping of Figs 1.3 and 1.5. With zoh and zoh+1 the
-law runs once per tick. The integral is then a sum that includes the present error. f' of pd and v
-are backward differences, as the firmware's velocity. lead is transformed bilinearly, and derivative
-samples its sensor. A code is output in the tick of its measurement (zoh), or one tick later (zoh+1,
-firmware.latency_ticks = 1).
+f is the signal of ADC 0. x and v are position and velocity of the encoder, which are those of the
+drive's body relative to its reaction body. K_v is the optional inner damping of Figs 1.3 and 1.5.
+
+With zoh and zoh+1, the law runs once per tick. The integral is then a sum that includes the present
+error. As in the firmware, v and the f' of law pd are backward differences. Law lead is transformed
+bilinearly, and law derivative samples its sensor. A code is output in the tick of its measurement
+(zoh), or one tick later (zoh+1, firmware.latency_ticks = 1).
 """
 
 import math
@@ -41,7 +42,7 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# Names of the parameters of each control law. Only the inner damping is optional.
+# Names of the parameters of each control law. Only the parameter for inner damping is optional.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -61,7 +62,7 @@ MOTION_LAWS = (
 VELOCITY_GAIN = "velocity_gain_Vs_per_m"
 # Largest number of ticks after which the samples of a force sensor and the bus cycles repeat.
 PERIOD_TICKS_MAX = 150
-# largest `force_gain` of the firmware in DAC codes per 8-bit count
+# Largest `force_gain` of the firmware, in DAC codes per 8-bit count.
 FIRMWARE_HIGHEST = 65535 * GAIN_STEP
 _NO_MATRIX = np.zeros((0, 0))
 _NO_SYSTEM = System(_NO_MATRIX, _NO_MATRIX, _NO_MATRIX, _NO_MATRIX, (), (), ())
@@ -71,13 +72,14 @@ _NO_SYSTEM = System(_NO_MATRIX, _NO_MATRIX, _NO_MATRIX, _NO_MATRIX, (), (), ())
 class LoopSpec:
     """A force loop without its plant: control law, delay of the loop, and controlled signal.
 
-    law: a name of LAWS. timing: delay of the loop, a name of TIMINGS. output: the signal that takes
-    the place of the force; "reading" is the input of ADC 0. free: contacts are open. parameters:
-    parameters of the law in SI units, {name of LAWS[law]: value}, and with a law that has inner
-    damping velocity_gain_Vs_per_m (V s/m). bank: the filter bank of law "bank", or a filter before
-    a law of motion; the gain of the loop replaces the gain of the filter bank. late_motion: a law
-    of motion gets x and v of the tick before, as the modes of the drive do. tick_s: sampling period
-    of zoh and zoh+1, s.
+    law: a name of LAWS. timing: delay of the loop, a name of TIMINGS. output: signal that is
+    controlled instead of the force. "reading" is the input of ADC 0. free: True if contacts are
+    open. parameters: {name in LAWS[law]: value in SI units}. Laws with inner damping also have
+    velocity_gain_Vs_per_m (V s/m).
+
+    bank: the filter bank of law "bank", or a filter before a law of motion. The gain of the loop
+    replaces the gain of the bank. late_motion: True if a law of motion gets x and v of the previous
+    tick, as in the drive's modes of motion. tick_s: sampling period of zoh and zoh+1 in s.
     """
 
     law: str = "p"
@@ -141,13 +143,14 @@ def force_loop(
     free: bool = False,
     **parameters: float | None,
 ) -> Loop:
-    """Returns the force loop of a control law around a model. LoopSpec describes force loops with a
-    filter bank or another sampling period.
+    """Returns the force loop of a control law around a model. For force loops with a filter bank or
+    another sampling period, see LoopSpec.
 
-    model: a path, or the stem of a file of sim/models. overrides: {parameter of the model: value}.
-    modes: {element: state}. free: contacts are open. law, timing, output: as in LoopSpec.
-    parameters: integral_rad_per_s (1/s), derivative_s (s), lead_zero_hz and lead_pole_hz (Hz),
-    stiffness_N_per_m, damping_Ns_per_m as the law needs, and velocity_gain_Vs_per_m; None: absent.
+    model: a path, or the file name without suffix in sim/models. overrides: {parameter of the
+    model: value}. modes: {element: state}. free: True if contacts are open. law, timing, output: as
+    in LoopSpec. parameters: those parameters that the law needs, of integral_rad_per_s (1/s),
+    derivative_s (s), lead_zero_hz and lead_pole_hz (Hz), stiffness_N_per_m and damping_Ns_per_m.
+    Also velocity_gain_Vs_per_m. None means that a parameter is not given.
 
     Raises InputError for a model, signal or state that does not exist, and ParameterError for a
     law, timing or parameter that is wrong or missing.
@@ -157,15 +160,15 @@ def force_loop(
 
 
 def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
-    """Returns the state space of a system with one state. The numbers a, b, c, d are the entries of
-    the 1 x 1 matrices."""
+    """Returns the state space of a system with one state. a, b, c, d: entries of its matrices,
+    which are 1 x 1."""
     A, B, C, D = (np.array([[float(value)]]) for value in (a, b, c, d))
     return A, B, C, D
 
 
 def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
-    """Returns the part of the control law between error and command: the integral of law pi, or the
-    filter of law lead."""
+    """Returns the part of a control law between error and command. It is the integral of law pi, or
+    the filter of law lead."""
     if law == "pi":
         w = p["integral_rad_per_s"]
         return _first_order(0, 1, w, 1) if dt is None else _first_order(1, w * dt, 1, 1 + w * dt)
@@ -224,8 +227,8 @@ def _check_number(name: str, value: float) -> None:
 
 
 class _Site(NamedTuple):
-    """The plant of a force loop: contents and file of the model, overrides of parameters, and
-    states of the elements."""
+    """The site of a force loop: contents and file of the model, overrides of its parameters, and
+    states of its elements."""
 
     known: PlantFacts
     where: str
@@ -234,8 +237,8 @@ class _Site(NamedTuple):
 
 
 class _Plant(NamedTuple):
-    """A plant whose outputs are the signals that a control law can feed back: the force f, the time
-    derivative of f, the position x and the velocity v."""
+    """A plant whose outputs are the signals that a control law can feed back. These are the force
+    f, its time derivative, the position x and the velocity v."""
 
     A: Matrix
     B: Matrix
@@ -243,14 +246,14 @@ class _Plant(NamedTuple):
     rate: Matrix
     x: Matrix
     v: Matrix
-    direct: Matrix  # direct path from the command to f, a part of D of the state space
+    direct: Matrix  # direct path from the command to f, which is part of the matrix D
     rate_direct: Matrix
     states: tuple[str, ...]
 
 
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
-    """Returns name and unit of the signal that a force loop controls. Raises InputError if the
-    model has no such signal."""
+    """Returns (name, unit) of the signal that a force loop controls. Raises InputError if the model
+    has no such signal."""
     if known.drive is None:
         raise _core.InputError(
             f"{where}: drive: expected a model with a [drive], got a model without a drive; "
@@ -280,8 +283,8 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """Returns the name of the signal that is the time derivative of the force of a spring or
-    contact."""
+    """Returns the name of the signal that is the time derivative of the force `signal`. The force
+    is that of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
@@ -293,8 +296,8 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """Returns the velocity gain K_v in V s/m of the control law, or of the filter bank of the
-    law."""
+    """Returns the velocity gain K_v in V s/m: that of the control law, or that of its filter
+    bank."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
@@ -302,8 +305,8 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
-    """Returns the plant with the signals that the control law feeds back and with inner damping,
-    sampled as `timing` of `spec` requires."""
+    """Returns the plant with inner damping and with the signals that the control law feeds back. It
+    is sampled as `timing` of `spec` requires."""
     law, moves = spec.law, bool(spec.law in MOTION_LAWS or inner)
     names = [spec.output]
     if law == "derivative":
@@ -323,8 +326,9 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
 
 
 def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
-    """Returns a loop over the model's bus, or with the model's own samples of the force, lifted
-    over the period after which its ticks repeat. `own`: the loop without its system."""
+    """Returns a force loop over the model's bus, or with the samples of the model's force sensor.
+    The loop is lifted over the period after which its ticks repeat. `own`: the loop without its
+    system."""
     known, timing = site.known, spec.timing
     sampling = _sampling(spec, known)
     if not known.bus.is_immediate:
@@ -347,7 +351,8 @@ def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
 
 
 def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
-    """Returns the samples of the loop's signal, or None if the law has its value in each tick."""
+    """Returns the samples of the controlled signal, or None if the law has its value in each
+    tick."""
     converted = spec.output in ("reading", "adc0")
     return known.reading.sampling if known.reading and converted else None
 
@@ -355,9 +360,9 @@ def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
 def _samples(
     spec: LoopSpec, path: str, sampling: SamplingFacts | None, cycle_ticks: int
 ) -> list[Samples | None]:
-    """Returns the samples of the force for each phase that the loop has to be analysed with.
-    `sampling`: None for a sample in each tick. Raises InputError for a rate whose samples do not
-    repeat within PERIOD_TICKS_MAX."""
+    """Returns the samples of the force for each phase with which the loop has to be analysed.
+    `sampling`: None for a sample in each tick. Raises InputError if the samples do not repeat
+    within PERIOD_TICKS_MAX ticks."""
     if sampling is None:
         return [None]
     if spec.law == "derivative":
@@ -431,8 +436,8 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
 
 
 def _integrated(system: System, count: int, tick_s: float) -> System:
-    """Returns a continuous system with `count` more states, the chained integrals of the first
-    output. Their unit of time is the tick."""
+    """Returns a continuous system with `count` additional states. They are the chained integrals of
+    the first output, with the tick as the unit of time."""
     n = len(system.A)
     A, B = np.zeros((n + count, n + count)), np.zeros((n + count, 1))
     A[:n, :n], B[:n] = system.A, system.B
@@ -447,7 +452,7 @@ def _integrated(system: System, count: int, tick_s: float) -> System:
 def _of_one_period(
     plant: TickPlant, bus: BusFacts, samples: Samples | None, own: Loop, spec: LoopSpec
 ) -> Loop:
-    """Returns the loop `own` with the system that is lifted over one period."""
+    """Returns the loop `own` with its system lifted over one period of the ticks."""
     loop = lift(plant, bus, samples)
     codes = loop.B.shape[1]
     states = tuple(f"state {i}" for i in range(len(loop.A)))
@@ -471,7 +476,7 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
     """Returns the plant as a System with four outputs: force f, time derivative of the force f',
     position x and velocity v.
 
-    names: the output, and the name of its time derivative if the law needs one.
+    names: name of the output, and of its time derivative if the law needs it.
     """
     known, where = site.known, site.where
 
@@ -539,12 +544,12 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
 
 def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
     """Returns the plant for a control law that is computed once per tick, as a _Plant. The velocity
-    and the time derivative of the force (law pd) are backward differences."""
+    and, for law pd, the time derivative of the force are backward differences."""
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code
-    # to the measured force therefore acts one tick later.
+    # The ADC converts immediately before the new DAC code acts.
+    # A direct path from the DAC code to the measured force therefore acts one tick later.
     if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])
@@ -569,8 +574,7 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
 
 
 def _late_motion(plant: _Plant) -> _Plant:
-    """Returns the plant with the position x and the velocity v of the previous tick, as a
-    _Plant."""
+    """Returns the plant with the position x and velocity v of the previous tick, as a _Plant."""
     A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
     A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
     states = (*plant.states, "x late", "v late")
@@ -578,7 +582,7 @@ def _late_motion(plant: _Plant) -> _Plant:
 
 
 def _with_law(spec: LoopSpec, plant: _Plant) -> System:
-    """Returns the series connection of control law and plant. The input is the error, and the
+    """Returns the control law and the plant in series. The input of the result is the error. The
     outputs are the feedback of the law and the controlled signal."""
     law, given = spec.law, spec.parameters
     dt = None if spec.is_continuous else spec.tick_s
@@ -613,9 +617,9 @@ def no_reading(where: str) -> _core.InputError:
 def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
-    """Adds a state to a sampled system. The new state stores the last sample of the output row
-    `kept`. Returns A, B, the given rows for the larger system, and the row that outputs the new
-    state."""
+    """Adds a state to a sampled system. The new state is the last sample of the output whose row is
+    `kept`. Returns (A, B, rows, new row). `rows` are the given rows for the larger system. The new
+    row outputs the added state."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

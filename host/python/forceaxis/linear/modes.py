@@ -4,20 +4,20 @@ colocated (thesis sections 2.4 to 2.6 and 6.1.4).
 The labels follow from the undamped mechanics without the drive, M x'' + K x = force. The output has
 to be a function of positions: the measured force, or the position of the endpoint out of contact.
 The response from the drive's pair of forces to this output is sum r_i / (s^2 + w_i^2). The sign of
-the residue r_i states whether actuator and sensor move in the same direction in mode i:
+the residue r_i shows whether actuator and sensor move in the same direction in mode i.
 
-* relative to the lowest mode, the reference: colocated with the same sign, noncolocated with the
-opposite sign. This is the mode's label: the thesis requires motion opposite to that of the
-rigid-body mode.
+* Comparison with the lowest mode, the reference: a mode with the same sign is colocated, and a mode
+  with the opposite sign is noncolocated. This is the label of the mode. The thesis requires motion
+  opposite to that of the rigid-body mode.
 
-* relative to the next lower mode: with the same sign, a pair of zeros lies between the two modes,
-so that the phase recovers; with the opposite sign there is no zero, and the phase decreases by 180
-degrees.
+* Comparison with the next lower mode: with the same sign, a pair of zeros lies between the two
+  modes, so that the phase recovers. With the opposite sign there is no zero, and the phase
+  decreases by 180 degrees.
 
 Only modes with a residue are compared. A mode with the residue 0 has its zeros exactly on its
-poles. If dampers couple it to input and output, poles and zeros are close together, as those of the
-base in Figure 2.16a, and the mode is colocated. Otherwise the mode has no label and no effect on
-the loop.
+poles. If dampers couple such a mode to input and output, its poles and zeros are close together.
+The base in Figure 2.16a is an example. The mode is then colocated. Otherwise it has no label and no
+effect on the loop.
 """
 
 from collections.abc import Sequence
@@ -39,22 +39,22 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Largest ratio of a residue to the sum of all residues that is a rounding error of 0.
+# A residue below this share of the sum of all residues is a rounding error of 0.
 NO_RESIDUE = 1e-9
-# Largest ratio of the frequency of a rigid-body mode to the highest frequency.
-# The frequency of a rigid-body mode differs from 0 only by rounding errors.
+# A mode is a rigid-body mode below this ratio of its frequency to the highest frequency.
+# Only rounding errors make the frequency of a rigid-body mode differ from 0.
 NO_STIFFNESS = 1e-6
-# Poles below this magnitude in rad/s are equally similar to a mode of vibration at 0 Hz.
+# All poles below this magnitude in rad/s count as equally similar to a mode of vibration at 0 Hz.
 SLOW_RAD_PER_S = 0.06
 
 
 @dataclass(frozen=True)
 class Pole:
-    """A pole of a system with damping. Of a complex pair, the pole with the positive imaginary
-    part.
+    """A pole of a system with damping. Of a complex pair, this is the pole with the positive
+    imaginary part.
 
-    frequency_hz: magnitude of the pole divided by 2 pi. damping_ratio: None for a pole at 0.
-    real_per_s, imag_per_s: real and imaginary part in 1/s.
+    frequency_hz: magnitude of the pole divided by 2 pi. damping_ratio: damping ratio, or None for a
+    pole at 0. real_per_s, imag_per_s: real and imaginary part in 1/s.
     """
 
     frequency_hz: float
@@ -67,13 +67,14 @@ class Pole:
 class VibrationMode:
     """One mode of vibration of the mechanics, without damping and without the drive.
 
-    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {point:
-    displacement}, the largest has the magnitude 1; a point is a body or a port. residue: of the
-    response from input to output, in the unit of the output per N s^2. label and against_lowest:
-    "colocated", "noncolocated" or "neither", in comparison with the lowest mode that has a residue
-    (`reference` is True for that mode). against_below: in comparison with the next lower mode.
-    driven: the corresponding pole of the complete system with damping and drive, None if there is
-    none.
+    damping_ratio: effect of the dampers in the undamped mode shape, or None at 0 Hz. shape: {point:
+    displacement}. The largest displacement has the magnitude 1. A point is a body or a port.
+    residue: residue of the response from input to output, in the unit of the output per N s^2.
+
+    label, against_lowest: "colocated", "noncolocated" or "neither", in comparison with the lowest
+    mode that has a residue. `reference` is True for that mode. against_below: the same in
+    comparison with the next lower mode. driven: the corresponding pole of the complete system with
+    damping and drive, or None.
     """
 
     frequency_hz: float
@@ -94,13 +95,12 @@ class VibrationMode:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeAnalysis:
-    """The modes of vibration of a model with their labels, in
-    ascending order of frequency.
+    """The modes of vibration of a model with their labels, in ascending order of frequency.
 
-    model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.
-    working: states of the elements, None if no element has different states. has_path: True if the
-    input has an effect on the output. other_poles: poles of the complete system that correspond to
-    no mode of vibration.
+    model: name of the model file without suffix. contact: "pressed", "apart", or None for a model
+    without contact. working: states of the elements, or None if no element has different states.
+    has_path: True if the input acts on the output. other_poles: poles of the complete system that
+    correspond to no mode of vibration.
     """
 
     model: str
@@ -117,10 +117,10 @@ class ModeAnalysis:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """The modes of vibration of a model without damping and without the drive, for c coordinates, p
-    points and n modes of vibration.
+    """The modes of vibration of a model without damping and without the drive. There are c
+    coordinates, p points and n modes of vibration.
 
-    bodies: names of the coordinates, which are the bodies and the modes of structures. masses (c,)
+    bodies: names of the coordinates, which are the bodies and the modes of structures. masses (c,):
     in kg. w (n,): angular frequencies in rad/s, ascending. shapes (c, n): displacement of each
     coordinate in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,): nan for w = 0.
     drive (n,), output (n,): gains of the input and of the output in each mode. points: names of the
@@ -164,7 +164,8 @@ def mechanics(
     v = [system.states.index(f"{name}.velocity") for name in names]
     root = np.sqrt(np.array([masses[name] for name in names]))
     # In the coordinates sqrt(m) x all matrices are symmetric.
-    # Stuck frictions leave a projection P in M x'' = P (force - K x); the modes lie within P.
+    # Stuck frictions turn the equation into M x'' = P (force - K x) with a projection P.
+    # The modes of vibration lie within P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -201,8 +202,8 @@ def mechanics(
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
     """Returns the output at which the residues are computed: the measured signal, or the position
-    of the body that would touch the workpiece. `apart`: the contacts of the model if all contacts
-    are open, otherwise empty."""
+    of the body that would touch the workpiece. `apart`: contacts of the model if all of them are
+    open, otherwise empty."""
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
@@ -214,8 +215,8 @@ def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
 
 
 def as_positions(output: str) -> str:
-    """Returns the signal whose residues are compared for an output. A position replaces a velocity
-    or an acceleration, and a force replaces the time derivative of a force."""
+    """Returns the signal whose residues are compared for an output. For a velocity or acceleration,
+    this is the position. For the time derivative of a force, it is the force."""
     for ending, plain in (
         (".velocity", ".position"),
         (".acceleration", ".position"),
@@ -236,12 +237,14 @@ def modes(
 ) -> ModeAnalysis:
     """Returns the modes of vibration of a model with their labels, in ascending order of frequency.
 
-    model: a path, or the stem of a file in sim/models. input: "drive.force" or "BODY.force", in N.
-    output: a signal of the model; default: the measured force, or the position of the endpoint if
-    no contact is closed. A velocity or acceleration is replaced by its position. overrides:
-    {parameter: SI value or text with a unit}. states: {element: state} of the analysed mode of
-    operation. free: contacts are open. Raises InputError for a model, parameter, signal or state
-    that does not exist, and if a named input has no effect on the output.
+    model: a path, or the file name without suffix in sim/models. input: "drive.force" or
+    "BODY.force", in N. output: a signal of the model. The default is the measured force, or the
+    position of the endpoint if no contact is closed. A velocity or acceleration is replaced by its
+    position. overrides: {parameter: SI value or text with a unit}. states: {element: state} in
+    which the model is analysed. free: True if contacts are open.
+
+    Raises InputError for a model, parameter, signal or state that does not exist, and if the input
+    has no effect on a given output.
     """
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
@@ -297,7 +300,7 @@ def modes(
         else:
             lowest = next_below = "colocated" if damped[i] else "neither"
         largest = m.places[np.argmax(np.abs(m.places[:, i])), i]
-        shape = m.places[:, i] / (largest or 1.0)  # all ports can be nodes of a mode
+        shape = m.places[:, i] / (largest or 1.0)  # all ports may be at nodes of a mode
         rows.append(
             VibrationMode(
                 frequency_hz=float(w / (2 * np.pi)),
@@ -326,10 +329,10 @@ def modes(
 
 
 def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
-    """Assigns a pole of the system with damping, `system`, to each undamped mode of vibration.
-    Returns ([pole or None], [other poles]).
+    """Assigns a pole of the damped system `system` to each undamped mode of vibration. Returns
+    ([pole or None for each mode], [other poles]).
 
-    A pole is assigned at most once, to a mode with similar displacements and a similar frequency.
+    Each pole is assigned at most once. The mode has similar displacements and a similar frequency.
     """
     poles, vectors = linalg.eig(system.A)
     keep = poles.imag >= 0
@@ -347,8 +350,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """Returns the index of the pole that belongs to each mode of vibration. This pole is the most
-    similar one in displacements and frequency."""
+    """Returns {index of a mode of vibration: index of its pole}. The pole is the one that is most
+    similar to the mode in displacements and frequency."""
     x = [system.states.index(f"{name}.position") for name in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
@@ -360,8 +363,8 @@ def _assign(
 
 
 def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
-    """Returns an array with True for each mode of vibration at whose pole the damped mechanics have
-    a residue."""
+    """Returns an array with one value for each mode of vibration. It is True if the damped
+    mechanics have a residue at the pole of this mode."""
     poles, left, right = linalg.eig(system.A, left=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)

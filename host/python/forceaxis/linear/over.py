@@ -1,11 +1,11 @@
-"""Bandwidths and margins of a force loop, and the worst bandwidth and margins over a set of plants.
-The set may contain several combinations of element states and several delays of the loop.
+"""Bandwidths and margins of a force loop, and their worst values over a set of plants. The set may
+contain several combinations of element states and several delays of the loop.
 
-The frequencies belong to the loop from set-point to measured force, S = 1 / (1 + k L). The
-bandwidth fS is the lowest frequency at which |S| reaches -3 dB (half the power); fT is the
+The frequencies belong to the loop from set-point to measured force, with S = 1 / (1 + k L). The
+bandwidth fS is the lowest frequency at which |S| reaches -3 dB (half the power). fT is the
 frequency at which |T| last falls through -3 dB. The frequencies at which |S| or |T| has a given
-value are an eigenvalue problem, as in stability.Loop.margins, so no value is missed between the
-points of a grid.
+value are the solution of an eigenvalue problem, as in stability.Loop.margins. So no such frequency
+is missed between the points of a grid.
 """
 
 import itertools
@@ -37,19 +37,19 @@ from forceaxis.linear.working import States
 T = TypeVar("T")
 # (plant of the set, delay of the loop, result of the analysis of this loop)
 Entry = tuple[Member, str, T]
-# Name and state of each element of the model, in alphabetical order.
+# Combination of element states as pairs (element, state), in alphabetical order.
 Mode = tuple[tuple[str, str], ...]
 
 HALF_POWER = math.sqrt(0.5)
-# Number of random plants that are analysed in addition to the nominal plant and the corner plants.
+# Number of random plants that are analysed in addition to nominal plants and corner plants.
 RANDOM_MEMBERS = 24
 SEARCH_STARTS = 2  # number of plants from which the search for the worst plant starts
 # First and last step of the search for the worst plant, relative to half of a parameter's range.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# name of the element of a stepper whose states are the segments of its force
+# Name of the element of a stepper motor whose states are the segments of its force.
 LOAD_ANGLE = "drive.load_angle"
-STEPPER_PERIODS = 8  # number of periods of the force on each side of the load angle 0
+STEPPER_PERIODS = 8  # number of analysed periods of the force on each side of the load angle 0
 
 
 class _Response:
@@ -70,17 +70,17 @@ class _Response:
         return result
 
     def ends(self) -> tuple[float, float]:
-        """Returns |H| at both ends of the stability boundary: at frequency 0, and at z = -1
-        (sampled) or infinity (continuous)."""
+        """Returns |H| at both ends of the stability boundary. One end is frequency 0. The other is
+        z = -1 (sampled system) or infinity (continuous system)."""
         return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level: float) -> Matrix:
-        """Returns complex points s near the frequencies at which |H| equals `level`. The points are
-        the zeros of level^2 - H(s) H(-s)."""
+        """Returns complex points s near the frequencies at which |H| equals `level`. These points
+        are the zeros of level^2 - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
-            # At the end of the stability boundary |H| equals the level, so one root is very large.
+            # |H| equals the level at the end of the stability boundary, so one root is very large.
             rest = 1e-9 * level**2
         matrix = np.block(
             [
@@ -93,13 +93,13 @@ class _Response:
 
     def marks(self, level: float) -> Matrix:
         """Returns frequencies along the stability boundary, beginning with 0. Between two adjacent
-        frequencies |H| crosses `level` at most once."""
+        frequencies, |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level: float) -> list[tuple[float, bool]]:
-        """Returns all frequencies w at which |H| equals `level`, in ascending order, each with True
-        if |H| rises at w."""
+        """Returns all frequencies w at which |H| equals `level`, in ascending order, as (w, True if
+        |H| rises at w)."""
         grid = self.marks(level)
         apart = self.size(grid) - level
         found = []
@@ -111,8 +111,8 @@ class _Response:
         return found
 
     def peak(self) -> float:
-        """Returns the largest |H| over all frequencies. The search raises a level to the highest
-        |H| on a grid, until |H| exceeds the level nowhere."""
+        """Returns the largest |H| over all frequencies. The search starts with the highest |H| on a
+        grid as the level. It raises the level until |H| is nowhere above it."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):
@@ -135,8 +135,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # The search for the maximum determines only half of the digits of the frequency w.
-        # The zero of the slope of |H| determines all digits of w.
+        # The search for the maximum gives only half of the digits of the frequency w.
+        # The zero of the slope of |H| gives all digits of w.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
@@ -173,7 +173,7 @@ def figures(loop: Loop, gain: float) -> Figures:
 
 
 def _worst_figures(found: Sequence[Figures]) -> Figures:
-    """Returns the worst value of each figure of several loops."""
+    """Returns the worst value of each bandwidth and margin among several loops."""
     if not all(one.stable for one in found):
         return Figures(False)
     worst = {
@@ -188,7 +188,7 @@ def _worst_figures(found: Sequence[Figures]) -> Figures:
 class Worst:
     """The worst bandwidth and margins over a set of plants. A value is None if no plant has this
     bandwidth or margin, or if one plant is unstable. `known_to`: gain factor up to which no plant
-    has a gain margin, if the gain margin above this factor is unknown."""
+    has a gain margin. It is given if the gain margin above this factor is unknown."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -204,13 +204,13 @@ class Worst:
     known_to: float | None = None
 
 
-# Function that analyses plants with delays of the loop.
-# The result has for each plant {delay: analysis}, with these delays or more.
+# Function that analyses the force loops of plants, with some delays of the loop.
+# For each plant, the result is {delay: analysis}, with these delays or more.
 Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 
 class _Set(Generic[T]):
-    """The force loops of a set of plants, each analysed once, and the search for the loop with the
+    """The force loops of a set of plants, each analysed once. A search finds the loop with the
     worst value."""
 
     def __init__(self, plants: PlantSet, timings: Sequence[str], analyse: Analyse[T]) -> None:
@@ -225,8 +225,8 @@ class _Set(Generic[T]):
         return self.found[member.key, timing]
 
     def cover(self, members: Sequence[Member], timings: Sequence[str] | None = None) -> None:
-        """Analyses the force loops of the plants in `members` with the delays `timings`, None: with
-        every delay of the loop."""
+        """Analyses the force loops of the plants in `members` with the delays `timings`. None means
+        every delay of the set."""
         found = self.analyse(members, timings or self.timings)
         for member, results in zip(members, found, strict=True):
             for timing, result in results.items():
@@ -246,8 +246,8 @@ class _Set(Generic[T]):
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
-        """Returns the force loops at which the search starts. The worst loops of different element
-        states and delays come first, then the worst of all loops."""
+        """Returns the force loops at which the search starts. The worst loop of each combination of
+        element states and delay comes first, then the worst of all loops."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
         first: dict[tuple[Mode, str], Entry[T]] = {}
         for member, timing, result in ordered:
@@ -263,8 +263,8 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Searches within the parameter ranges for a plant with a larger value of the function
-        `badness`, by a pattern search that starts at the plant `member`. `steps`: first and last
+        """Searches for a plant with a larger value of the function `badness` within the ranges of
+        the parameters. The pattern search starts at the plant `member`. `steps`: first and last
         step, relative to half the width of a range. If the first step is COARSE_STEP, a parameter
         at the end of its range does not change."""
         ranges = self.plants.ranges
@@ -301,7 +301,7 @@ def sample(plants: PlantSet) -> list[Member]:
 
 
 def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
-    """Returns the function with which a _Set analyses each force loop separately."""
+    """Returns a function for a _Set that analyses each force loop separately."""
     return lambda members, timings: [
         {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
         for member in members
@@ -309,8 +309,8 @@ def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], 
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """Returns the gain k of a force loop from the first value that is given: `gain`, `force_gain`,
-    or the gain of the filter bank of the loop. Raises ParameterError if no gain is given."""
+    """Returns the gain k of a force loop. It is the first of these that is given: `gain`,
+    `force_gain`, the gain of the loop's filter bank. Raises ParameterError if none is given."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -321,9 +321,9 @@ def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
 
 
 class WorstSearch:
-    """Search of the worst bandwidth and margins over a set of plants, see worst().
-
-    responses: of the plants, with all delays in `timings`; the other parameters: as in worst().
+    """Search for the worst bandwidth and margins over a set of plants, see worst().
+    responses: responses of the plants, with all delays in `timings`. The other arguments are those
+    of worst().
     """
 
     def __init__(
@@ -349,8 +349,9 @@ class WorstSearch:
         self._loops = loops
 
     def quick(self) -> Worst:
-        """Returns the worst values. Their relative error is about 1e-8 if one code leaves the
-        period after which the ticks of the loops repeat. Otherwise they are those of exact()."""
+        """Returns the worst values. If one code belongs to each period after which the ticks
+        repeat, the values have a relative error of about 1e-8. Otherwise they are those of
+        exact()."""
         if self._loops is None or self._found is None:
             return _worst(self._group, self._group)
         if not self._loops.responses.is_exact:
@@ -361,15 +362,15 @@ class WorstSearch:
         return self._again(_fast(whole, self._by_loop))
 
     def exact(self) -> Worst:
-        """Returns the worst values. Those of the worst loops and of the nominal plants are computed
-        as eigenvalue problems."""
+        """Returns the worst values. The values of the worst loops and of the nominal plants are
+        computed as eigenvalue problems."""
         if self._is_exact:
             return _worst(self._group, self._group)
         return self._again(self._by_loop)
 
     def _again(self, analyse: Analyse[Figures]) -> Worst:
-        """Returns the worst values of the worst loops and of the nominal plants, which are analysed
-        again."""
+        """Returns the worst values after a second analysis by `analyse`. The worst loops and the
+        nominal plants are analysed again."""
         assert self._found is not None
         again = _Set(self._plants, self._timings, analyse)
         again.cover([*self._plants.nominal(), *(entry[0] for entry in self._found.values())])
@@ -383,22 +384,23 @@ def worst(
     gain: float | None = None,
     force_gain: float | None = None,
 ) -> Worst:
-    """Returns the worst bandwidth and margins over a set of plants with all delays in `timings`,
-    for the force loop `spec` (None: law p).
+    """Returns the worst bandwidth and margins over a set of plants, with all delays in `timings`.
+    `spec`: the force loop, or None for law p.
 
-    gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the filter bank. The
-    nominal plants, corner plants and random plants (with a fixed seed) are analysed first. Then a
-    pattern search begins at the worst plant for the bandwidths and for each margin. The search uses
-    `precise` where it can, and the values of the worst plants are computed by figures().
+    gain: k in V/N. force_gain: gain in DAC codes per 8-bit count. Without both, the gain of the
+    filter bank is used. The nominal plants, corner plants and random plants (with a fixed seed) are
+    analysed first. For the bandwidths and for each margin, a pattern search then begins at the
+    worst plant. The search uses `precise` where it can. The values of the worst plants are computed
+    by figures().
     """
     responses = Responses(plants, timings)
     return WorstSearch(responses, timings, spec or LoopSpec(), gain, force_gain).exact()
 
 
 def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
-    """Returns a function for _Set that computes figures in C++, with all delays of the loop,
-    because most of the time is spent for the plant. Loops of which C++ does not know whether they
-    are stable are analysed by `by_loop`."""
+    """Returns a function for a _Set that computes bandwidths and margins in C++. It computes all
+    delays of the loop together, because the plant takes most of the time. If C++ cannot tell
+    whether a loop is stable, `by_loop` analyses this loop."""
 
     def analyse(members: Sequence[Member], timings: Sequence[str]) -> list[dict[str, Figures]]:
         found: list[dict[str, Figures]] = []
@@ -412,7 +414,7 @@ def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
 
 
 def _worst_of_each(group: _Set[Figures]) -> dict[str, Entry[Figures]] | None:
-    """Searches the worst loop for each name of FIGURES. Returns None after the first loop that is
+    """Searches for the worst loop for each name in FIGURES. Returns None as soon as one loop is
     unstable."""
     group.cover(sample(group.plants))
     found: dict[str, Entry[Figures]] = {}
@@ -434,7 +436,7 @@ def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
         return Worst(False, member={"stable": unstable[0][:2]}, members=members)
     found = {name: exact.first(operator.methodcaller("badness", name)) for name in FIGURES}
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # A loop without a known crossing of the stability boundary has a gain margin of known_to.
+    # If no crossing of the stability boundary of a loop is known, its gain margin is known_to.
     doubt = min(exact.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
@@ -453,8 +455,8 @@ def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
 class Largest:
     """The largest gain k up to which all plants of a set are stable, and the plant that becomes
     unstable at this gain. `gain` is None if all plants are stable at every gain, or at every gain
-    up to `known_to`, above which rounding errors hide crossings. `gain` is 0 if one plant is stable
-    at no gain."""
+    up to `known_to`. Above `known_to`, rounding errors hide crossings. `gain` is 0 if one plant is
+    stable at no gain."""
 
     gain: float | None
     member: Member
@@ -466,8 +468,8 @@ class Largest:
 def largest_gain(
     plants: PlantSet, timings: Sequence[str] = ("zoh",), spec: LoopSpec | None = None
 ) -> Largest:
-    """Returns the largest gain at which all plants of a set are stable, with the force loop `spec`
-    (None: law p)."""
+    """Returns the largest gain at which all plants of a set are stable. `spec`: the force loop, or
+    None for law p."""
 
     def analyse(loop: Loop) -> tuple[float, Limit]:
         limit = loop.limit()
@@ -483,8 +485,8 @@ def largest_gain(
 def _equations(
     model: str | Path, overrides: Overrides | None, modes: States, output: str
 ) -> StateSpace | None:
-    """Returns the matrices (A, B, C, D) of a model from the command to the output, with the element
-    states `modes`. Returns None if the command does not act on the output."""
+    """Returns the matrices (A, B, C, D) of a model from the command to the output. `modes`: states
+    of the elements. Returns None if the command does not act on the output."""
     plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
@@ -495,9 +497,9 @@ def distinct(
     output: str,
     candidates: Iterable[dict[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    """Returns combinations of element states without repetition: of all combinations with equal
+    """Returns combinations of element states without repetition. Of all combinations with equal
     equations, only one is returned. Combinations in which the command does not act on the output
-    are left out. Each combination is given by as few states as possible."""
+    are left out. Each combination names as few states as possible."""
 
     def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
@@ -518,8 +520,9 @@ def distinct(
 
 
 def _holds(known: PlantFacts, state: str | None) -> bool:
-    """Returns True if the force of a stepper rises with its load angle in a state of the load
-    angle (None: not given). The angle stays there; where the force falls, the motor slips."""
+    """Returns True if the force of a stepper motor rises with its load angle in the state `state`
+    (None: not given). The load angle then stays in this state. In states with a falling force, the
+    motor slips."""
     if state is None:
         return True
     states = known.switches[LOAD_ANGLE]
@@ -529,7 +532,7 @@ def _holds(known: PlantFacts, state: str | None) -> bool:
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
     """Returns True if a force law can work permanently with the element states `modes`. All
-    contacts of the model must be pressed and no element saturated, because a loop with a saturated
+    contacts of the model must be pressed, and no element may be saturated. A loop with a saturated
     feedback inside the drive is stable at no gain."""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
@@ -545,13 +548,13 @@ def modes_visited(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """Returns the combinations of element states, {element: state}, that a run of an experiment
-    visits in contact, without saturation, and while the command acts on the force. All combinations
-    contain the states `fixed`, and the result has at least one combination. `experiment`: a path;
-    `overrides`: texts NAME=VALUE.
+    """Returns the combinations {element: state} that a run of an experiment visits. Only those
+    count in which the axis is in contact, nothing is saturated, and the command acts on the force.
+    All combinations contain the states `fixed`, and there is at least one combination.
+    `experiment`: a path. `overrides`: texts NAME=VALUE.
 
-    For each friction both states are included, stuck and sliding, even if the run visits only one
-    of them: a friction that always sticks slides after a larger step, and one that always slides
+    For each friction, both states are included: stuck and sliding. The run may visit only one of
+    them. But a friction that always sticks slides after a larger step, and one that always slides
     sticks at the set-point.
     """
     path, texts = str(experiment), list(overrides)
@@ -584,7 +587,7 @@ def modes_all(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """Returns all combinations of states of all elements that switch, under the conditions of
+    """Returns all combinations of the states of all elements that switch, under the conditions of
     modes_visited(). Raises InputError if no combination is left."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)

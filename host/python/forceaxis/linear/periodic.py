@@ -1,11 +1,12 @@
 """Force loops that compute several codes in the period after which their ticks repeat, and force
-loops whose sensor samples with a clock of its own.
+loops whose force sensor samples with a clock of its own.
 
 A loop with several codes in a period has no single curve of the loop gain. Its limits and margins
-are those of the eigenvalues of the lifted loop: the gain margin is the factor, and the phase margin
-the turn, of all codes together at which a pole reaches the stability boundary. Ms is the largest
-gain of S for a disturbance of the codes of any frequency or mix of frequencies, and fS is computed
-from the component of the response at the frequency of the disturbance.
+follow from the eigenvalues of the lifted loop. The gain margin is the factor of all codes together
+at which a pole reaches the stability boundary. The phase margin is the phase shift of all codes
+together at which this happens. Ms is the largest gain of S for a disturbance of the codes with any
+mix of frequencies. fS is computed from the component of the response at the frequency of the
+disturbance.
 """
 
 import cmath
@@ -31,21 +32,21 @@ from forceaxis.linear.stability import (
 )
 from forceaxis.linear.system import System
 
-# Step in degrees from one analysed loop to the next one of a search.
+# Step in degrees between two loops that a search analyses.
 # Two changes between stable and unstable within one step are not detected.
 TURN_STEP_DEG = 3.0
-GAIN_SPAN = 1e4  # largest factor of the gain up to which a gain margin is searched
+GAIN_SPAN = 1e4  # largest factor of the gain in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
-LOWEST_SHARE = 1e-6  # ratio of the lowest to the highest frequency of a grid
-STABLE_BELOW = 1 - 1e-11  # largest magnitude of a pole of a stable loop
-PHASES = 3  # number of analysed phases in each order of samples and ticks, see Samples.phases()
-# Share of a limit below which a lower limit at another phase is not searched.
-# The second number is the largest number of parabolas of such a search in one order of samples.
+LOWEST_SHARE = 1e-6  # ratio of the lowest frequency to the highest frequency of a grid
+STABLE_BELOW = 1 - 1e-11  # a loop is stable if no pole has a larger magnitude
+PHASES = 3  # phases in each order of samples and ticks, see Samples.phases()
+# A lower limit at another phase is searched only if it may be lower by more than this share.
+# The search in one order of samples and ticks uses at most PARABOLAS_MAX parabolas.
 PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 
 
 def _turned(gain: float, degrees: float) -> complex:
-    """Returns a complex gain that delays a sinusoid by some degrees."""
+    """Returns a complex gain with the magnitude `gain` that delays a sinusoid by `degrees`."""
     return cmath.rect(gain, -math.radians(degrees))
 
 
@@ -54,8 +55,8 @@ def _stable_to(limit: Limit) -> float:
 
 
 def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Returns the lowest place of the parabola through three points (place, value) and its value,
-    which is infinite if the lowest place is not between the outer two points."""
+    """Returns the lowest point (place, value) of the parabola through three points (place, value).
+    The value is infinite if this point is not between the outer two points."""
     (a, fa), (b, fb), (c, fc) = points
     if not math.isfinite(fa + fb + fc):
         return b, math.inf
@@ -69,8 +70,9 @@ def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 @dataclass
 class PeriodicLoop(Loop):
-    """A force loop with several codes in a period. `whole` has an input for each code, an output
-    for each output of the law that becomes a code, and the controlled signal as its last output."""
+    """A force loop with several codes in a period. `whole` has one input for each code, and one
+    output for each output of the law that becomes a code. Its last output is the controlled
+    signal."""
 
     def closed(self, gain: float) -> System:
         """See Loop.closed(). The set-point is constant over a period."""
@@ -92,8 +94,8 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """Raises InputError, because this value is not defined for a loop with several codes in a
-        period."""
+        """Raises InputError, because a loop with several codes in a period has no single loop
+        gain."""
         raise _core.InputError(
             f"{self.model}: adc.sample_rate: expected a loop that outputs one DAC code in each "
             f"period of its samples, got {self.whole.B.shape[1]} codes; for such a loop only the "
@@ -107,14 +109,14 @@ class PeriodicLoop(Loop):
         return minimal(replace(self.whole, C=self.whole.C[:codes], D=self.whole.D[:codes]))
 
     def _outermost(self, gain: complex) -> complex:
-        """Returns the closed-loop pole of the largest magnitude at a gain, which may be complex."""
+        """Returns the closed-loop pole with the largest magnitude. `gain` may be complex."""
         A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
         closed = A - gain * B @ np.linalg.solve(np.eye(len(D)) + gain * D, C)
         poles = np.linalg.eigvals(closed)
         return complex(poles[np.argmax(np.abs(poles))]) if len(poles) else 0j
 
     def _hz_at(self, gain: complex) -> float:
-        """Returns the frequency in Hz of the pole of the largest magnitude."""
+        """Returns the frequency in Hz of the closed-loop pole with the largest magnitude."""
         assert self.dt is not None
         return abs(cmath.phase(self._outermost(gain))) / (2 * math.pi * self.dt)
 
@@ -131,8 +133,8 @@ class PeriodicLoop(Loop):
         return -math.log(max(self._radius(gain), 1e-300)) / self.dt
 
     def _edge(self, gain_at: Callable[[float], complex], good: float, bad: float) -> float:
-        """Returns the point between a stable and an unstable point at which a pole reaches the
-        stability boundary. `gain_at`: function that returns the gain at a point."""
+        """Returns the point between `good` (stable) and `bad` (unstable) at which a pole reaches
+        the stability boundary. `gain_at`: function that returns the gain at a point."""
         return float(
             optimize.brentq(
                 lambda at: self._radius(gain_at(at)) - 1, good, bad, xtol=1e-14 * bad, rtol=1e-13
@@ -152,7 +154,7 @@ class PeriodicLoop(Loop):
         return result
 
     def _growths(self, gains: Matrix) -> Matrix:
-        """See Loop._growths(). In double precision, which is faster."""
+        """See Loop._growths(). This function uses double precision, which is faster."""
         poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
         found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
         return found
@@ -177,7 +179,7 @@ class PeriodicLoop(Loop):
         )
 
     def _toward(self, gain: float, factor: float) -> float | None:
-        """Returns the nearest gain above or below at which the loop becomes unstable."""
+        """Returns the nearest gain above or below `gain` at which the loop becomes unstable."""
         good = gain
         for _ in range(int(math.log(GAIN_SPAN) / math.log(GAIN_STEP_FACTOR))):
             bad = good * factor
@@ -195,7 +197,7 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def _grid(self) -> Matrix:
-        """Frequencies in Hz up to half the rate of the periods, close to each other near a pole."""
+        """Frequencies in Hz up to half the rate of the periods. They are dense near a pole."""
         assert self.dt is not None
         top = 0.5 / self.dt
         found = [np.geomspace(LOWEST_SHARE * top, top, int(6 * POINTS_PER_DECADE))]
@@ -217,7 +219,7 @@ class PeriodicLoop(Loop):
         return result
 
     def _sensitivities(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes). It is computed
+        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes). S is computed
         from the closed loop, because the loop gain of an integrator has no value at low
         frequency."""
         assert self.dt is not None
@@ -249,8 +251,8 @@ class PeriodicLoop(Loop):
         return best
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns the component of S at the frequency of the disturbance, for frequencies in Hz up
-        to half the rate of the codes."""
+        """Returns the component of S at the frequency of the disturbance. `hz`: frequencies in Hz
+        up to half the rate of the codes."""
         at = np.atleast_1d(np.asarray(hz, float))
         S = self._sensitivities(gain, at)
         assert self.dt is not None
@@ -260,8 +262,8 @@ class PeriodicLoop(Loop):
         return result
 
     def bandwidth(self, gain: float, level: float) -> float | None:
-        """Returns the lowest frequency in Hz at which |S| rises through `level`: None if |S| stays
-        below, 0 if |S| is above at the lowest frequency of the grid."""
+        """Returns the lowest frequency in Hz at which |S| rises through `level`. Returns None if
+        |S| stays below `level`, and 0 if |S| is above it at the lowest frequency of the grid."""
 
         def apart(hz: ArrayLike) -> Matrix:
             return np.abs(self.sensitivity_at(gain, hz)) - level
@@ -282,11 +284,11 @@ class PeriodicLoop(Loop):
 
 @dataclass
 class FreeLoop(Loop):
-    """The force loop of a sensor that samples with a clock of its own. `each` are the loops with
-    different phases between the samples and the ticks, in the order of Samples.phases(); limits
-    and margins are the worst of them. The loop itself is the first of `each`, whose readings are
-    the oldest. between: returns the loop with a phase within an order of samples and ticks,
-    see Samples.within()."""
+    """The force loop of a sensor that samples with a clock of its own. `each`: loops with different
+    phases between the samples and the ticks, in the order of Samples.phases(). Limits and margins
+    are the worst of these loops. The loop itself is the first of `each`, which has the oldest
+    readings. `between`: function that returns the loop with another phase, with the arguments of
+    Samples.within()."""
 
     each: tuple[Loop, ...] = ()
     between: Callable[[int, float], Loop] | None = None
@@ -297,19 +299,20 @@ class FreeLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """See Loop.open, of the phase with the oldest readings."""
+        """See Loop.open. The phase is that with the oldest readings."""
         return self._oldest.open
 
     def closed(self, gain: float) -> System:
-        """See Loop.closed(), of the phase with the oldest readings."""
+        """See Loop.closed(). The phase is that with the oldest readings."""
         return self._oldest.closed(gain)
 
     def sensitivity(self, gain: float) -> System:
-        """See Loop.sensitivity(), of the phase with the oldest readings."""
+        """See Loop.sensitivity(). The phase is that with the oldest readings."""
         return self._oldest.sensitivity(gain)
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """See Loop.sensitivity_at(), the mean over the phases, as a clock that drifts has it."""
+        """See Loop.sensitivity_at(). The result is the mean over all phases, because the clock
+        drifts through them."""
         result: Matrix = np.mean([loop.sensitivity_at(gain, hz) for loop in self.each], 0)
         return result
 
@@ -319,8 +322,8 @@ class FreeLoop(Loop):
         return not (edge and gain >= edge) and all(loop.stable(gain) for loop in self.each)
 
     def least_margin(self, gain: float, known: float | None) -> float | None:
-        """Returns the gain margin at a gain k below the limit. known: gain margin of the phases
-        `each`; between these phases the limit may be lower."""
+        """Returns the gain margin at a gain k below the limit. `known`: smallest gain margin of the
+        loops `each`. At phases between those of `each`, the limit may be lower."""
         edge = self.limit().gain
         if not edge or gain >= edge:
             return known
@@ -333,14 +336,14 @@ class FreeLoop(Loop):
     @cached_property
     def _limit(self) -> Limit:
         """The lowest limit of the gain over all phases. Within one order of samples and ticks, the
-        limit is a smooth function of the phase, whose minimum is searched with parabolas."""
+        limit is a smooth function of the phase. Its minimum is searched with parabolas."""
         limits = [loop.limit() for loop in self.each]
         best = min(limits, key=_stable_to)
         if self.between is None or not best.gain:
             return best
         orders = len(limits) // PHASES
         for order in range(orders):
-            # The newest readings of an order are those of the one before.
+            # The loop with the newest readings is listed with the next order of samples and ticks.
             newest = limits[PHASES * ((order + 1) % orders) + 2]
             three = limits[PHASES * order], limits[PHASES * order + 1], newest
             points = [(at, _stable_to(one)) for at, one in zip((0, 0.5, 1), three, strict=True)]
