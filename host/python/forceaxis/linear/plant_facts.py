@@ -1,4 +1,5 @@
-"""Contents of a plant model: bodies, signals, parameters, contacts, drive, sensor and encoder."""
+"""Contents of a plant model: its bodies, signals, parameters, contacts, drive, sensor and
+encoder."""
 
 import math
 from collections.abc import Mapping
@@ -9,7 +10,7 @@ import numpy as np
 
 from forceaxis import _core
 
-# parameter values in SI units, or texts with a unit
+# {parameter: value in SI units, or text with a unit}
 Overrides = Mapping[str, float | str]
 
 
@@ -22,8 +23,9 @@ class ParameterFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class StructureFacts:
-    """A structure that a model gives by n modes of vibration at its p ports: name, names of the
-    ports, modal masses in kg (n), and shapes, the displacements of the ports in each mode (n, p).
+    """A structure that a model gives by n modes of vibration at its p ports. It has a name, the
+    names of the ports, and the n modal masses in kg. `shapes`: displacements of the ports in each
+    mode, an array (n, p).
     """
 
     name: str
@@ -38,7 +40,7 @@ class StructureFacts:
 
     @property
     def apparent_kg(self) -> float:
-        """Mass in kg of the first mode at the port that this mode moves most."""
+        """Mass in kg of the first mode of vibration, at the port that this mode moves most."""
         most = max(map(abs, self.shapes[0]))
         return self.modal_masses_kg[0] / most**2 if most > 0 else 0.0
 
@@ -62,7 +64,7 @@ class BusFacts(NamedTuple):
 
     @property
     def is_immediate(self) -> bool:
-        """True if every tick has its own frame in both directions, which is not late."""
+        """True if every tick has a frame of its own in both directions, and no frame is late."""
         return self == (1, 0, 0)
 
     def label(self) -> str:
@@ -75,7 +77,7 @@ class BusFacts(NamedTuple):
 @dataclass(frozen=True)
 class DriveFacts:
     """The drive of a model: type of the drive, body that the drive moves, reaction body ("ground"
-    for none), parameters of the drive in SI units, and the bus to the drive."""
+    if there is none), parameters of the drive in SI units, and the bus to the drive."""
 
     type: str
     body: str
@@ -85,8 +87,8 @@ class DriveFacts:
 
     @property
     def loop_text(self) -> str | None:
-        """The gains of the velocity loop of a drive of the type velocity, for people, or None for
-        another type. The model file may give a bandwidth from which they are computed."""
+        """Text for a user with the gains of the velocity loop, or None for a drive of another type
+        than velocity. The model file may state only a bandwidth. The gains are then computed."""
         if self.type != "velocity":
             return None
         text = f"k_velocity {self.values['k_velocity']:.5g} N s/m"
@@ -96,8 +98,8 @@ class DriveFacts:
 
 
 class SamplingFacts(NamedTuple):
-    """The samples of a converter with a clock of its own: rate in Hz, time from tick 0 to the first
-    sample in s (None: not known), time from a sample to the firmware in s, and order of the
+    """The samples of a converter with a clock of its own: their rate in Hz, time in s from tick 0
+    to the first sample (None: not known), time in s from a sample to the firmware, and order of the
     converter's sinc filter (0: no filter)."""
 
     rate_hz: float
@@ -106,9 +108,10 @@ class SamplingFacts(NamedTuple):
     sinc_order: int = 0
 
     def ages_s(self) -> tuple[float, float]:
-        """Returns the mean age of a reading, without the delay of the filter, and the width of the
-        range of ages in s. All ages from the latency to a period of the samples more are equally
-        frequent for a sensor whose clock drifts."""
+        """Returns two times in s: the mean age of a reading, without the delay of the filter, and
+        the width of the range of ages. The youngest reading has the age of the latency. The oldest
+        one is older by one period of the samples. If the clock of the sensor drifts, all ages
+        between them are equally frequent."""
         return self.latency_s + 0.5 / self.rate_hz, 1 / self.rate_hz
 
     def label(self) -> str:
@@ -126,9 +129,10 @@ class SamplingFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorFacts:
-    """The force sensor that the firmware reads: measured signal, size of one 8-bit count in the
-    unit of the signal (`per_count`, for an ADC of any resolution), resolution of the code that the
-    firmware has in bits, and the samples (None: one at each tick, without latency)."""
+    """The force sensor that the firmware reads. It has the measured signal, the size `per_count`
+    of one 8-bit count in the unit of the signal (for an ADC of any resolution), and the resolution
+    in bits of the codes that the firmware receives. Its samples are None if there is one in each
+    tick without latency."""
 
     signal: str
     per_count: float
@@ -139,7 +143,7 @@ class SensorFacts:
 @dataclass(frozen=True)
 class EncoderFacts:
     """The encoder of a model: the body whose position is measured, the reference body, and the
-    number of counts per metre (or per rad) with their sign."""
+    number of counts per metre (or per rad) with its sign."""
 
     body: str
     reference: str
@@ -150,12 +154,15 @@ class EncoderFacts:
 class PlantFacts:
     """Bodies, signals, parameters and devices of one model with given parameter values.
 
-    `path` is the model's file. `masses_kg` has every body, `structures` every structure that is
-    given by its modes of vibration, `signals` the unit of every signal,
-    `switches` the states of every element that has several ("sensor": ("apart", "pressed",
-    "overlap")). `drive`, `reading` and `encoder` are None if the model has none; `required_drive`
-    and so on then raise InputError. `volts_per_code` is the drive command of one DAC code in V, and
-    `volts_per_step` that of one step of the DAC, which is smaller with more than 12 bits.
+    `path`: path of the model file. `masses_kg`: mass of each body. `structures`: structures that
+    the model gives by their modes of vibration. `signals`: {signal: unit}. `switches`: {element:
+    its states} of each element with several states, such as {"sensor": ("apart", "pressed",
+    "overlap")}.
+
+    `drive`, `reading` and `encoder` are None if the model has no such device. `required_drive`,
+    `required_reading` and `required_encoder` then raise InputError. `volts_per_code`: drive command
+    of one DAC code in V. `volts_per_step`: drive command of one step of the DAC in V, which is
+    smaller if the DAC has more than 12 bits.
     """
 
     path: str
@@ -190,17 +197,18 @@ class PlantFacts:
         return self.masses_kg | dict(modes)
 
     def dead_zone(self, force_gain: float) -> float:
-        """Returns the force error, in the unit of ADC 0, below which the command of a law rounds to
-        0, apart from its integral. force_gain: gain of the law at rest in DAC codes per 8-bit
-        count."""
+        """Returns the force error, in the unit of ADC 0, below which a law outputs 0 because of
+        rounding. The integral of the law is ignored. `force_gain`: gain of the law at rest in DAC
+        codes per 8-bit count."""
         if not force_gain:
             return math.inf
         step = self.volts_per_step / self.volts_per_code
         return abs(0.5 * step / force_gain * self.required_reading.per_count)
 
     def dead_law(self, force_gain: float, setpoint: float) -> str | None:
-        """Returns why a law cannot reach a set-point, both as in dead_zone(), or None if it can:
-        its dead zone is as large as the set-point."""
+        """Returns the reason why a law cannot reach a set-point: its dead zone is as large as the
+        set-point. Returns None if the law can reach it. `force_gain` and the unit of `setpoint` are
+        as in dead_zone()."""
         dead = self.dead_zone(force_gain)
         if dead < setpoint:
             return None
@@ -216,7 +224,8 @@ class PlantFacts:
         )
 
     def displacements(self) -> np.ndarray:
-        """Returns the displacements of p points for a unit of each of c coordinates, (p, c)."""
+        """Returns the displacements of p points for a unit of each of c coordinates, as an array
+        (p, c)."""
         bodies = len(self.masses_kg)
         found = np.zeros((len(self.points), len(self.coordinates_kg)))
         found[:bodies, :bodies] = np.eye(bodies)
@@ -228,8 +237,8 @@ class PlantFacts:
         return found
 
     def moving_kg(self, still: str | None = None) -> float:
-        """Returns the mass in kg of all bodies and structures, without the point `still`. A
-        structure counts with the mass of its first mode at the port that this mode moves most."""
+        """Returns the mass in kg of all bodies and structures except the point `still`. The mass of
+        a structure is that of its first mode at the port that this mode moves most."""
         bodies = sum(kg for body, kg in self.masses_kg.items() if body != still)
         return bodies + sum(s.apparent_kg for s in self.structures if still not in s.ports)
 
@@ -245,12 +254,12 @@ class PlantFacts:
 
     @property
     def bus(self) -> BusFacts:
-        """The bus to the drive. A model without a drive has an immediate one."""
+        """The bus to the drive. For a model without a drive, this is a bus without delay."""
         return self.drive.bus if self.drive else BusFacts(1, 0, 0)
 
     def expect_fresh_reading(self, purpose: str) -> None:
-        """Raises InputError, which names the purpose, if the force sensor does not give a sample of
-        each tick in this tick."""
+        """Raises InputError, which names `purpose`, unless each sample of the force sensor reaches
+        the firmware in its own tick."""
         if self.reading and self.reading.sampling:
             raise _core.InputError(
                 f"{self.path}: adc.sample_rate: expected an ADC that samples at each tick and "
@@ -261,8 +270,8 @@ class PlantFacts:
             )
 
     def expect_no_bus(self, purpose: str) -> None:
-        """Raises InputError, which names the purpose, if the bus to the drive has a cycle or
-        a delay, or if expect_fresh_reading() does."""
+        """Raises InputError, which names `purpose`, if the bus to the drive has a cycle or a delay.
+        Also raises it in the cases of expect_fresh_reading()."""
         self.expect_fresh_reading(purpose)
         if not self.bus.is_immediate:
             raise _core.InputError(

@@ -1,7 +1,7 @@
-"""A set of plants, defined by ranges of the parameters of a model and by states of its elements.
-Texts such as k_w=30% or m_w=200..500 define the ranges. A plant of the set (class Member) has one
-value of each parameter and one state of each element. Margins are computed for the force loops of
-all plants, with one delay of the loop or several."""
+"""A set of plants. Ranges of the parameters of a model and states of its elements define the set.
+Texts such as k_w=30% or m_w=200..500 define the ranges. One plant of the set (class Member) has one
+value of each parameter and one state of each element. Margins are computed for the force loops
+around all plants, with one or several delays of the loop."""
 
 import itertools
 import math
@@ -25,15 +25,15 @@ Range = tuple[float, float, float]  # nominal, low and high value of a parameter
 
 @dataclass(frozen=True)
 class Member:
-    """One plant of a set of plants. `values`: {parameter: SI value} within the ranges; `modes`:
-    {element: state}."""
+    """One plant of a set of plants. `values`: {parameter: SI value} of the parameters with a range.
+    `modes`: {element: state}."""
 
     values: dict[str, float] = field(default_factory=dict)
     modes: dict[str, str] = field(default_factory=dict)
 
     @property
     def key(self) -> Hashable:
-        """Returns equal keys for equal plants."""
+        """Returns a key for dicts. The keys of equal plants are equal."""
         return tuple(sorted(self.values.items())), tuple(sorted(self.modes.items()))
 
     def label(self) -> str:
@@ -46,11 +46,12 @@ class Member:
 
 @dataclass(frozen=True)
 class PlantSet:
-    """A set of plants: one model with parameters in ranges and several combinations of element
-    states. `model`: a path or stem. `overrides`: {parameter: value} of all plants. `ranges`:
-    {parameter: (nominal, low, high)} in SI units. `modes`: combinations {element: state}.
-    `together`: {parameter: SI value} for parameters that change together. Each choice of values in
-    the ranges is combined with each entry of `together` and with each combination of states."""
+    """A set of plants: one model with parameters in ranges, and several combinations of element
+    states. `model`: a path, or the file name without suffix. `overrides`: {parameter: value} of all
+    plants. `ranges`: {parameter: (nominal, low, high)} in SI units. `modes`: combinations {element:
+    state}. `together`: choices {parameter: SI value} of parameters that change together. Each
+    choice of values in the ranges is combined with each choice of `together` and with each
+    combination of states."""
 
     model: str
     overrides: Overrides = field(default_factory=dict)
@@ -59,12 +60,12 @@ class PlantSet:
     together: tuple[dict[str, float], ...] = ({},)
 
     def nominal(self) -> list[Member]:
-        """Returns the plants with the nominal parameter values, one plant for each combination of
+        """Returns the plants with nominal parameter values, one plant for each combination of
         element states."""
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
 
     def corners(self) -> list[Member]:
-        """Returns the plants at all combinations of the ends of the parameter ranges, for each
+        """Returns the corner plants: all combinations of the ends of the parameter ranges, for each
         combination of element states. The list is empty without ranges."""
         ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
         if not ends:
@@ -72,8 +73,8 @@ class PlantSet:
         return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
 
     def random(self, count: int, seed: int = 1988) -> list[Member]:
-        """Returns plants with `count` random choices of parameter values, uniform within the
-        ranges."""
+        """Returns random plants: `count` choices of parameter values, each in every combination of
+        element states. The values are uniformly distributed within the ranges."""
         rng = random.Random(seed)
         chosen = [
             {name: rng.uniform(r[1], r[2]) for name, r in self.ranges.items()} for _ in range(count)
@@ -86,8 +87,8 @@ class PlantSet:
         ]
 
     def loop(self, member: Member, timing: str = "zoh", spec: LoopSpec | None = None) -> Loop:
-        """Returns the force loop `spec` (None: law p) around a plant of the set, with the delay
-        `timing`."""
+        """Returns the force loop around a plant of the set, with the delay `timing`. `spec`: the
+        force loop, or None for law p."""
         overrides = {**self.overrides, **member.values}
         own = replace(spec or LoopSpec(), timing=timing)
         return own.around(self.model, overrides, member.modes or None)
@@ -96,10 +97,10 @@ class PlantSet:
 def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
-    """Returns nominal, low and high value of each parameter in SI units, from texts NAME=PERCENT%
-    or NAME=LOW..HIGH. A text may contain several ranges with commas between the ranges, or name the
-    file of a posterior, which gives the most likely values and the 95 % intervals. Raises
-    ParameterError for an unknown parameter or a wrong range, InputError for a wrong file."""
+    """Returns {parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or
+    NAME=LOW..HIGH. A text may contain several ranges, separated by commas. Instead, a text may name
+    the file of a posterior, whose most likely values and 95 % intervals are then used. Raises
+    ParameterError for an unknown parameter or a wrong range, and InputError for a wrong file."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}
     for name, span in _spans(over, known):
@@ -124,7 +125,8 @@ def ranges_of(
 
 
 def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str | Range]]:
-    """Yields (parameter, text of its range, or the range that a posterior gives)."""
+    """Yields (parameter, range). The range is a text, or the three values that a posterior
+    gives."""
     for text in (part for given in over for part in given.split(",")):
         if not posterior.is_posterior(text):
             yield text.partition("=")[0], text
@@ -137,8 +139,8 @@ def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str
 def ranges_beside(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], posterior.Posterior | None]:
-    """Returns the ranges as ranges_of(), without those of a posterior, and the posterior. Raises
-    ParameterError or InputError."""
+    """Returns (ranges, posterior). The ranges are those of ranges_of(), without those of the
+    posterior. Raises ParameterError or InputError."""
     texts = [part for given in over for part in given.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]
     ranges = ranges_of(model, texts, overrides)
@@ -153,8 +155,9 @@ def ranges_beside(
 def set_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
-    """Returns the ranges as ranges_beside(), and the plants {parameter: SI value} that stand for
-    95 % of the posterior, ({},) without one. Raises ParameterError or InputError."""
+    """Returns (ranges, plants). The ranges are those of ranges_beside(). The plants {parameter: SI
+    value} stand for 95 % of the posterior. Without a posterior, they are ({},). Raises
+    ParameterError or InputError."""
     ranges, found = ranges_beside(model, over, overrides)
     return ranges, found.plants() if found else ({},)
 

@@ -1,7 +1,7 @@
 """Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes in the style of the thesis.
 
-The arguments are curves, loci, arrays of poles and zeros, or results of the modules beside this
-one.
+The arguments are curves, root loci, arrays of poles and zeros, or results of other modules of this
+folder.
 """
 
 from collections.abc import Sequence
@@ -45,7 +45,7 @@ from forceaxis.linear.modes import ModeAnalysis
 from forceaxis.linear.sets import CurvesOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.system import facts
 
-# Style of the curve of a corner plant or random plant of a set of plants.
+# Line style of the curve of a corner plant or random plant of a set of plants.
 MEMBER_LINE: LineStyle = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}
 
 
@@ -58,11 +58,11 @@ def bode(
     others: Sequence[Curve] = (),
     margins: LimitResult | None = None,
 ) -> Figure:
-    """Returns a plot of magnitude and phase over the frequency. The option `phase_only` omits the
+    """Returns a plot of magnitude and phase over the frequency. With `phase_only`, the plot has no
     magnitude.
 
-    others: curves of the other plants of a set, drawn thin. margins: the limit of the loop and
-    its figures at the gain of the curves; the margins are marked at the first curve.
+    others: curves of the other plants of a set, drawn thin. margins: critical gain of the loop, and
+    its margins at the gain of the curves. The margins are marked at the first curve.
     """
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
@@ -120,8 +120,8 @@ def members_key(ax: Axes) -> None:
 
 
 def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: LoopAtGain) -> None:
-    """Marks gain margin and phase margin of a loop gain in a Bode plot, as distances from |L| = 1
-    and from -180 degrees."""
+    """Marks the gain margin and phase margin of a loop gain in a Bode plot. The gain margin is
+    drawn as the distance from |L| = 1, the phase margin as the distance from -180 degrees."""
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     gain_line: LineStyle = {
         "color": WANTED, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5,
@@ -164,8 +164,8 @@ def nyquist(
     """Returns a Nyquist plot of the loop gain `values` around the point -1, for positive and
     negative frequencies.
 
-    The plot contains the unit circle and the curve within a distance of 2.5. others: curves of
-    the other members of a set, drawn thin.
+    The plot contains the unit circle, and the curve within a distance of 2.5 from the origin.
+    others: curves of the other plants of a set, drawn thin.
     """
     figure, ax = plt.subplots(figsize=size)
     style(ax)
@@ -208,8 +208,8 @@ def nyquist(
 
 
 def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
-    """Returns round frequencies for labels at a Nyquist curve. The labels are inside the plot and
-    do not overlap."""
+    """Returns round frequencies for labels at the curve of a Nyquist plot. The labels are inside
+    the plot and do not overlap."""
     shown: list[tuple[float, complex]] = []
     for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
         if not frequency_hz[0] < hz < frequency_hz[-1]:
@@ -224,7 +224,7 @@ def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
 
 
 def hz(roots: ArrayLike) -> tuple[Numbers, Numbers]:
-    """Returns real and imaginary parts of roots, converted from 1/s to Hz by division by 2 pi."""
+    """Returns the real and imaginary parts of roots, converted from 1/s to Hz (divided by 2 pi)."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
@@ -262,7 +262,7 @@ def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, lis
 
 
 def headline(figure: Figure, title: str) -> None:
-    """Writes the title above the panels of a figure and removes the figure from the list of
+    """Writes the title above the panels of a figure. Also removes the figure from the list of
     pyplot."""
     figure.suptitle(
         title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
@@ -305,15 +305,15 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
 
 
 def gain_text(gain: float, one: Locus) -> str:
-    """Returns a text with a gain and its unit, and with the `force_gain` of the firmware if this
-    gain is known."""
+    """Returns a text with a gain and its unit. If the `force_gain` of the firmware is known, the
+    text also contains this gain."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
 
 def label_crossings(ax: Axes, one: Locus, span: float) -> None:
-    """Marks the crossings of the stability boundary in a root locus. Marks the critical gain with
-    its frequency and with the value of `force_gain`."""
+    """Marks the crossings of the stability boundary in a root locus. The mark of the critical gain
+    has a label with its frequency and its value of `force_gain`."""
     limit = one.limit
     if not limit.gain:
         note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")
@@ -326,7 +326,7 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
         color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
-    # centre and half the height in Hz of each label that is already drawn
+    # (centre, half of the height) in Hz of each label that is already drawn
     taken: list[tuple[float, float]] = []
     own = one.limit.frequency_hz or 0.0
     inside = [
@@ -361,13 +361,13 @@ def pole_zero(
 ) -> Figure:
     """Returns a plot of pole-zero arrays side by side, in Hz, with x for poles and o for zeros.
 
-    span_hz: half-width of the plot; by default the plot shows the structural dynamics, as in 4.3.1.
-    The number of poles and zeros outside is printed below.
+    span_hz: half-width of the plot. By default, the plot shows the structural dynamics, as in
+    4.3.1. The number of poles and zeros outside of the plot is printed below.
     """
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # The frame shows lightly damped roots and roots in the right half-plane.
+        # The plot shows lightly damped roots, and roots in the right half-plane.
         # Most real roots in the left half-plane are electrical poles of the drive.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
@@ -387,9 +387,9 @@ def pole_zero(
 
 
 def frame(sizes: Numbers) -> float:
-    """Returns the half-width in 1/s of a plot of roots with the magnitudes `sizes`. An outer root
-    is left out if its magnitude is more than six times the magnitude of the next smaller root."""
-    # Magnitudes that are 0 except for rounding errors are left out.
+    """Returns the half-width in 1/s of a plot of roots with the magnitudes `sizes`. A root is left
+    out if its magnitude is more than six times that of the next smaller root."""
+    # Magnitudes that differ from 0 only by rounding errors are left out.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
         return 2 * np.pi
@@ -399,11 +399,11 @@ def frame(sizes: Numbers) -> float:
 
 
 def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
-    """Returns a plot of the modes of vibration in a ModeAnalysis, with one row for each mode of
-    vibration. Each body is shown at rest (dashed) and displaced.
+    """Returns a plot of the modes of vibration in a ModeAnalysis. The plot has one row for each
+    mode, and shows each body at rest (dashed) and displaced.
 
-    The bodies are side by side in the order of the model; displacements are along the axis. The
-    largest displacement has the same length in each mode.
+    The bodies are side by side, in the order of the model. Displacements are drawn along the axis.
+    The largest displacement has the same length in each mode.
     """
     rows = result.modes
     bodies = list(rows[0].shape) if rows else []
@@ -494,8 +494,7 @@ def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOf
 
 
 def _with_units(curves: Sequence[Curve], model: str) -> list[Curve]:
-    """Returns the curves of a model with the units of the parameters in the labels of the
-    curves."""
+    """Returns the curves of a model. Their labels contain the units of the parameters."""
     return [replace(c, label=with_units(c.label, model)) for c in curves]
 
 

@@ -1,5 +1,5 @@
-"""A posterior of the parameters of a model as a set of plants: joint samples of parameters that
-explain recordings of contacts, in place of ranges of the parameters."""
+"""A posterior of the parameters of a model, used as a set of plants instead of ranges. It consists
+of joint samples of parameters that explain recordings of contacts."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,15 +15,16 @@ FORMAT = "forceaxis posterior 1"
 SUFFIX = ".json"
 HELD_SHARE = 0.95  # share of the posterior that the plants of a set represent
 PLANTS = 40  # largest number of plants of a set
-VALUE_LEAST = 1e-100  # smallest value of a parameter in SI units; its inverse is the largest
+VALUE_LEAST = 1e-100  # smallest SI value of a parameter; the largest value is its inverse
 LOW, HIGH = 0.025, 0.975  # ends of the interval that contains 95 % of the samples
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Samples of the parameters of a model. `format`: FORMAT. `names`: (p,) parameters of the
-    model. `best`: (p,) most likely values in SI units. `samples`: (n, p) in SI units.
-    `log_density`: (n,) logarithm of the density of each sample up to a constant."""
+    """Samples of the parameters of a model. There are p parameters and n samples. `format`: FORMAT.
+    `names` (p,): parameters of the model. `best` (p,): most likely values in SI units. `samples`
+    (n, p): values in SI units. `log_density` (n,): logarithm of the density of each sample, up to a
+    constant."""
 
     format: str
     names: tuple[str, ...]
@@ -33,7 +34,7 @@ class Posterior:
 
     @cached_property
     def table(self) -> NDArray[np.float64]:
-        """Returns the samples, (n, p)."""
+        """Returns the samples as an array (n, p)."""
         return np.array(self.samples, dtype=float).reshape(-1, len(self.names))
 
     def interval(self, name: str) -> tuple[float, float]:
@@ -46,9 +47,9 @@ class Posterior:
         return dict(zip(self.names, self.table[index].tolist(), strict=True))
 
     def plants(self) -> tuple[dict[str, float], ...]:
-        """Returns plants {parameter: value} that stand for 95 % of the posterior, the most likely
-        first: the samples of highest density, among them those with the smallest and the largest
-        value of each parameter."""
+        """Returns plants {parameter: value} that stand for 95 % of the posterior. The most likely
+        plant is the first. The others are samples of high density. They include the samples with
+        the smallest and the largest value of each parameter."""
         order = np.argsort(self.log_density)[::-1]
         held = order[: max(1, int(np.ceil(HELD_SHARE * len(order))))]
         inside = self.table[held]
@@ -59,20 +60,20 @@ class Posterior:
         return (best, *(self.values(i) for i in numbers))
 
     def draws(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Returns plants that are drawn from the posterior, without repetition while there are
-        enough samples."""
+        """Returns `count` plants that are drawn from the posterior. Samples are repeated only if
+        there are fewer samples than plants."""
         rng = np.random.default_rng(seed)
         chosen = rng.choice(len(self.table), count, replace=count > len(self.table))
         return [self.values(int(i)) for i in chosen]
 
 
 def is_posterior(text: str) -> bool:
-    """Returns True if a text in place of a range NAME=RANGE names the file of a posterior."""
+    """Returns True if a text is the file name of a posterior, and not a range NAME=RANGE."""
     return "=" not in text and text.endswith(SUFFIX)
 
 
 def read(path: str | Path) -> Posterior:
-    """Reads the posterior of a file. Raises InputError."""
+    """Returns the posterior in a file. Raises InputError."""
     file, wrong = Path(path), "a posterior.json of `fit_contact`"
     if not file.is_file():
         files.refuse(file, wrong, "no such file", "check the path")

@@ -1,10 +1,10 @@
-"""Bandwidths and margins of many force loops of a set of plants, computed in C++ in a fraction of a
-millisecond for each plant.
+"""Bandwidths and margins of many force loops of a set of plants. They are computed in C++, in a
+fraction of a millisecond for each plant.
 
 `over.figures` computes the same values as eigenvalue problems, which miss no crossing and need 3 to
 40 ms. The C++ evaluation (sim/linear/law_grid.hpp) starts from a grid of frequencies that is dense
-near resonances, and searches the roots and peaks between the points of the grid. `over` searches
-the worst plants of a set with this evaluation, and computes the result from eigenvalues.
+near resonances. It then searches for the roots and peaks between the points of the grid. `over`
+finds the worst plants of a set with this evaluation, and computes the result from eigenvalues.
 """
 
 import math
@@ -22,8 +22,8 @@ from forceaxis.linear.system import find_model
 from forceaxis.linear.working import working
 
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
-DAMPING_MIN = 0.05  # smallest damping ratio of the poles of a section for the evaluation in C++
-# Names of the bandwidths and margins, each with True if the largest value is the worst value.
+DAMPING_MIN = 0.05  # smallest pole damping of a filter section that C++ can evaluate
+# {name of a bandwidth or margin: True if its largest value is the worst value}
 FIGURES = {
     "fS_Hz": False,
     "fT_Hz": False,
@@ -35,8 +35,8 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Figures:
-    """Bandwidths and margins of one force loop at one gain. For an unstable loop only `stable` is
-    defined, and the other fields are None or False."""
+    """Bandwidths and margins of one force loop at one gain. For an unstable loop, only `stable` is
+    defined. The other fields are then None or False."""
 
     stable: bool
     # Bandwidth of the sensitivity function S in Hz.
@@ -46,19 +46,19 @@ class Figures:
     # None if |T| stays above -3 dB, 0 if |T| is never above -3 dB.
     fT_Hz: float | None = None
     Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
-    # Factor by which the gain can rise until the loop crosses the stability boundary.
-    # None if no crossing is known up to the factor `known_to`.
+    # Factor by which the gain can rise until a pole reaches the stability boundary.
+    # None if no such factor is known up to the factor `known_to`.
     gain_margin: float | None = None
-    # The phase margin with the smallest magnitude, in degrees. None if |L| is 1 at no frequency.
+    # The phase margin with the smallest magnitude, in degrees. None if |L| is nowhere 1.
     phase_margin_deg: float | None = None
     sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
-    # Factor of the gain above which rounding errors hide crossings of the stability boundary.
-    # None if no such factor exists.
+    # Gain factor above which rounding errors hide crossings of the stability boundary.
+    # None if rounding errors hide no crossing.
     known_to: float | None = None
 
     def badness(self, name: str) -> float:
-        """Returns a number that is larger for a worse value of the bandwidth or margin `name`, and
-        infinity for an unstable loop."""
+        """Returns a number that is larger for a worse value of the bandwidth or margin `name`. The
+        number is infinity for an unstable loop."""
         if not self.stable:
             return math.inf
         value = getattr(self, name)
@@ -70,7 +70,7 @@ class Figures:
 
 
 def law_shape(bank: Bank) -> _core.LawShape:
-    """Returns a filter bank with the gain 1 for the evaluation in C++."""
+    """Returns a filter bank with the gain 1, in the form for the evaluation in C++."""
     sections = [(s[0], s[1], s[2], s[3], s[4]) for s in bank.sections]
     return _core.LawShape(bank.integral_rad_per_s, sections)
 
@@ -79,7 +79,8 @@ def law_grid(
     model: _core.ModelFile, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
     density: float = 1.0, threads: int = 1, all_phases: bool = False,
 ) -> _core.LawGrid:  # fmt: skip
-    """Returns the responses of some plants of a set on grids of frequencies, see _core.LawGrid."""
+    """Returns the frequency responses of some plants of a set on grids of frequencies, see
+    _core.LawGrid."""
     path = str(find_model(plants.model))
     keys = []
     for member in members:
@@ -91,11 +92,12 @@ def law_grid(
 
 
 class Responses:
-    """Responses of the plants of a set on full grids of frequencies, see _core.LawGrid. Each plant
-    is computed once, because this takes longer than the evaluation of a law.
+    """Frequency responses of the plants of a set on full grids of frequencies, see _core.LawGrid.
+    Each plant is computed only once, because this takes longer than the evaluation of a law.
 
-    plants: the set. timings: names of DELAYS. all_phases: of a sensor without a known phase, not
-    only the oldest and the newest readings.
+    plants: the set of plants. timings: names of DELAYS. all_phases: True for the responses with
+    every analysed phase of the samples, if the phase of the sensor is not known. Otherwise, only
+    the oldest and the newest readings are used.
     """
 
     def __init__(self, plants: PlantSet, timings: Sequence[str], all_phases: bool = False) -> None:
@@ -104,8 +106,8 @@ class Responses:
         self._grids: dict[Hashable, _core.LawGrid] = {}
 
     def of(self, member: Member) -> _core.LawGrid:
-        """Returns the response of one plant. It is empty if the command does not act on the
-        force."""
+        """Returns the frequency responses of one plant. They are empty if the command does not act
+        on the force."""
         key = member.key
         if key not in self._grids:
             self._grids[key] = law_grid(
@@ -115,8 +117,8 @@ class Responses:
 
     @property
     def is_exact(self) -> bool:
-        """True if one code leaves the period after which the ticks repeat. Otherwise figures are
-        those of a mean age of the readings."""
+        """True if one code belongs to each period after which the ticks repeat. Otherwise,
+        bandwidths and margins are those for a mean age of the readings."""
         return self.of(self.plants.nominal()[0]).exact
 
     @property
@@ -126,7 +128,7 @@ class Responses:
 
     @cached_property
     def in_all_phases(self) -> "Responses":
-        """Responses of the same plants with every analysed phase of the samples."""
+        """Frequency responses of the same plants with every analysed phase of the samples."""
         return Responses(self.plants, self.timings, True)
 
 
@@ -134,8 +136,8 @@ class Responses:
 class PreciseLoops:
     """The force loops of a set of plants with one law and gain.
 
-    responses: of the plants. bank: the law. gain: in V/N; None: that of the bank. timings: names
-    of DELAYS, all of them in `responses`.
+    responses: frequency responses of the plants. bank: the law. gain: gain in V/N, or None for the
+    gain of the bank. timings: names of DELAYS, which must all be in `responses`.
     """
 
     responses: Responses
@@ -148,8 +150,8 @@ class PreciseLoops:
         responses: Responses, timings: Sequence[str], spec: LoopSpec, gain: float | None,
         force_gain: float | None,
     ) -> "PreciseLoops | None":  # fmt: skip
-        """Returns the loops, or None if the C++ evaluation does not know loops of this kind. The
-        gain is that of `over.worst`."""
+        """Returns the loops, or None if the C++ evaluation does not support loops of this kind. The
+        gain is given as in `over.worst`."""
         known = (
             spec.law in ("p", "pi", "bank") and spec.output == "reading" and not spec.free
             and spec.tick_s == TICK_S and not set(spec.parameters) - {"integral_rad_per_s"}
@@ -164,8 +166,9 @@ class PreciseLoops:
         return PreciseLoops(responses, bank, gain, tuple(timings))
 
     def figures(self, members: Sequence[Member]) -> list[list[Figures | None]]:
-        """Returns the figures of each member with each delay of `timings`. A loop has None if the
-        command does not act on the force, or if the loop is not known to be stable."""
+        """Returns the bandwidths and margins of each plant with each delay of `timings`. The entry
+        of a loop is None if the command does not act on the force, or if the loop is not known to
+        be stable."""
         law = law_shape(self.bank)
         delays = [self.responses.timings.index(timing) for timing in self.timings]
         found: list[list[Figures | None]] = []
@@ -183,9 +186,9 @@ class PreciseLoops:
 
 
 def _has_narrow_section(bank: Bank | None) -> bool:
-    """Returns True if a section of a bank has a pole with less damping than DAMPING_MIN, or an
-    unstable pole. The grids of frequencies are dense near the roots of the plants, so a narrow peak
-    of the law could lie between two points."""
+    """Returns True if a section of a filter bank has an unstable pole, or a pole with less damping
+    than DAMPING_MIN. The grids of frequencies are dense only near the roots of the plants. So a
+    narrow peak of the law could lie between two points of a grid."""
     for *_, a1, a2 in bank.sections if bank else ():
         z = np.roots([1.0, a1, a2]).astype(complex)
         s = np.log(z[z != 0])

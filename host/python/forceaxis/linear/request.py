@@ -1,5 +1,5 @@
-"""A force loop as a user specifies the loop: a force loop around a model, or the force loop that
-the firmware of an experiment closes."""
+"""A force loop as the user specifies it: a force loop around a model, or the force loop that the
+firmware of an experiment closes."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -17,14 +17,14 @@ from forceaxis.linear.working import States
 
 @dataclass(frozen=True)
 class LoopRequest:
-    """A force loop as the user specifies the loop. If a field is None, the value of the experiment
-    or a default value is used.
+    """A force loop as the user specifies it. If a field is None, the value of the experiment or a
+    default value is used.
 
-    model: a model or an experiment, as a path or as the stem of a file in sim/. overrides:
+    model: a model or an experiment, as a path or as a file name without suffix in sim/. overrides:
     {parameter: value}, with an experiment also firmware.NAME. states: {element: state}. law,
     timing, output, free, parameters: as in LoopSpec. gain: k in the unit of the loop (V/N).
-    firmware_gain: the gain as force_gain, DAC codes per 8-bit count. firmware_law: the law with its
-    gain in place of that of the model or experiment.
+    firmware_gain: the same gain as force_gain in DAC codes per 8-bit count. firmware_law: law and
+    gain that replace those of the model or experiment.
     """
 
     model: str
@@ -41,26 +41,26 @@ class LoopRequest:
 
     @property
     def has_law(self) -> bool:
-        """True if the request itself contains a control law or a parameter of a control law."""
+        """True if the request itself has a control law or a parameter of a control law."""
         return bool(self.law or self.parameters or self.firmware_law)
 
     @property
     def has_gain(self) -> bool:
-        """True if the request itself contains a gain."""
+        """True if the request itself has a gain."""
         return self.gain is not None or self.firmware_gain is not None
 
     def settings(self, plant: bool = False) -> ModelSettings:
         """Returns the settings of the model or experiment. `plant`: True if only the plant is
-        needed, without the force loop."""
+        needed and no force loop."""
         return settings.of(self.model, self.overrides, plant)
 
     def law_of(self, own: ModelSettings) -> FirmwareLaw:
-        """Returns the law that the firmware has by the request or by `own`, the settings of the
-        experiment."""
+        """Returns the law of the firmware. It is that of the request, or else that of `own`, the
+        settings of the experiment."""
         return self.firmware_law or own
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """Returns the specification of the force loop. Fields of the request replace the fields of
+        """Returns the specification of the force loop. Fields of the request replace those of
         `own`, the settings of the experiment."""
         firmware = self.law_of(own)
         law = self.law or firmware.law
@@ -75,8 +75,8 @@ class LoopRequest:
         )
 
     def loop(self) -> Loop:
-        """Returns the force loop of the request. The field `own_gain` of the loop is the gain of
-        the firmware's law. Raises InputError."""
+        """Returns the force loop of the request. Its field `own_gain` is the gain of the firmware's
+        law. Raises InputError."""
         own = self.settings()
         firmware = self.law_of(own)
         loop = self.spec(own).around(own.model, own.overrides, self.states)
@@ -92,14 +92,15 @@ class LoopRequest:
 
     def drawn_gain(self, loop: Loop) -> float:
         """Returns the gain k at which the force loop is drawn. Without a given gain, k is half the
-        critical gain, or 1."""
+        critical gain, or 1 if the loop has no critical gain."""
         return drawn_gain(loop, self.gain, self.firmware_gain)
 
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
-    """Returns the gain k of a force loop: `gain`, the gain that corresponds to `firmware_gain`
-    (`force_gain` in DAC codes per 8-bit count), the gain of the loop's experiment, or None. Raises
-    ParameterError if both gains are given, or if a gain is out of range."""
+    """Returns the gain k of a force loop, or None. It is the first of these that is given: `gain`,
+    the gain for `firmware_gain` (`force_gain` in DAC codes per 8-bit count), the gain of the loop's
+    experiment. Raises ParameterError if `gain` and `firmware_gain` are both given, or if the gain
+    is out of range."""
     if gain is not None and firmware_gain is not None:
         raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")
     if firmware_gain is not None:
@@ -125,8 +126,8 @@ def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> f
 
 
 def varied(overrides: Overrides, vary: Iterable[str]) -> list[tuple[str, dict[str, float | str]]]:
-    """Returns a label and the parameter values for each combination of the values in the texts
-    NAME=VALUE,VALUE,..."""
+    """Returns (label, {parameter: value}) for each combination of the values in the texts `vary`,
+    which have the form NAME=VALUE,VALUE,..."""
     runs: list[tuple[str, dict[str, float | str]]] = [("", dict(overrides))]
     for text in vary:
         name, _, values = text.partition("=")

@@ -1,4 +1,4 @@
-"""A force loop over a set of plants: ranges of parameters, several combinations of element states,
+"""Force loops over a set of plants: ranges of parameters, several combinations of element states,
 and several delays of the loop."""
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,8 +22,8 @@ BOTH_TIMINGS = ("zoh", "zoh+1")
 
 @dataclass(frozen=True)
 class SetMember:
-    """One force loop of a set: the plant as {parameter: SI value} and {element: state}, and the
-    delay of the loop."""
+    """One force loop of a set. It has the plant, as {parameter: SI value} and {element: state}, and
+    the delay of the loop."""
 
     values: dict[str, float]
     modes: dict[str, str]
@@ -31,19 +31,19 @@ class SetMember:
 
     @classmethod
     def of(cls, member: Member, timing: str) -> "SetMember":
-        """Returns the force loop around a plant of a set, with the delay `timing`, as a
-        SetMember."""
+        """Returns the SetMember for the force loop around the plant `member` with the delay
+        `timing`."""
         return cls(member.values, member.modes, timing)
 
     def label(self) -> str:
-        """Name of the force loop for a user: parameter values, states and delay, such as "k_w =
-        288,900, drive.amplifier = high outer, zoh"."""
+        """Name of the force loop for a user. It has parameter values, states and delay, such as
+        "k_w = 288,900, drive.amplifier = high outer, zoh"."""
         return f"{Member(self.values, self.modes).label()}, {self.timing}"
 
 
 @dataclass(frozen=True)
 class RangeEntry:
-    """The range of a parameter of a set of plants, in SI units."""
+    """The range of one parameter in a set of plants, in SI units."""
 
     nominal: float
     low: float
@@ -52,9 +52,9 @@ class RangeEntry:
 
 @dataclass(frozen=True)
 class SetEntry:
-    """Description of a set of plants for the JSON output: ranges of parameters, combinations of
-    element states as {element: state}, and delays of the loops. `plants`: number of plants that
-    stand for 95 % of a posterior, None without a posterior."""
+    """Description of a set of plants for the JSON output: ranges of parameters, combinations
+    {element: state}, and delays of the loops. `plants`: number of plants that stand for 95 % of a
+    posterior, or None without a posterior."""
 
     ranges: dict[str, RangeEntry]
     modes: list[dict[str, str]]
@@ -64,7 +64,7 @@ class SetEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedSet:
-    """The set of force loops that was analysed, for the JSON output. `loop`: the nominal loop."""
+    """The analysed set of force loops, for the JSON output. `loop`: the nominal loop."""
 
     loop: AnalysedLoop = json_field(inline=True)
     over: SetEntry
@@ -75,10 +75,10 @@ class WorstAtGain:
     """The worst bandwidth and margins over a set of force loops at one gain k, in the unit of the
     loop.
 
-    firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
-    Bandwidths and margins are those of over.Worst. member: {name of a bandwidth or margin, "stable"
-    or "sag": the loop with the worst value}. members: number of loops that were analysed.
-    dead_law: as in limits.LoopAtGain, of the nominal loop.
+    firmware_gain: k in DAC codes per 8-bit count, or None if the loops do not feed back ADC 0.
+    Bandwidths and margins are those of over.Worst. member: {name: loop with the worst value}. A
+    name is that of a bandwidth or margin, "stable" or "sag". members: number of analysed loops.
+    dead_law: value of limits.LoopAtGain for the nominal loop.
     """
 
     gain: float
@@ -110,9 +110,9 @@ class LimitOfSet:
     """The largest gain at which all force loops of a set are stable, and the loop that becomes
     unstable first.
 
-    critical_gain: k in `unit`, None if all loops are stable at every gain, or up to known_to; the
-    further fields are as in limits.LimitResult. at: worst bandwidth and margins at the gain of the
-    request.
+    critical_gain: k in `unit`. None if all loops are stable at every gain, or at every gain up to
+    known_to. at: worst bandwidth and margins at the gain of the request. The other fields are as in
+    limits.LimitResult.
     """
 
     critical_gain: float | None
@@ -129,7 +129,7 @@ class LimitOfSet:
 
 @dataclass(frozen=True, kw_only=True)
 class MemberCurve(SetMember):
-    """The frequency response of one force loop of a set, and the gain k of the loop."""
+    """The frequency response of one force loop of a set, and the gain k of this loop."""
 
     gain: float
     table: CurveTable = json_field(inline=True)
@@ -137,9 +137,9 @@ class MemberCurve(SetMember):
 
 @dataclass(frozen=True, kw_only=True)
 class CurvesOfSet:
-    """Frequency responses of the force loops of a set, with the nominal loops first, and the worst
-    bandwidth and margins. `of`: transfer function of the loop in a Bode plot, None in a Nyquist
-    plot."""
+    """Frequency responses of the force loops of a set, and the worst bandwidth and margins. The
+    nominal loops come first. `of`: transfer function of the loop in a Bode plot, or None in a
+    Nyquist plot."""
 
     analysed: AnalysedSet = json_field(inline=True)
     unit: str
@@ -157,8 +157,8 @@ class MemberStep(SetMember):
 
 @dataclass(frozen=True, kw_only=True)
 class WorstStep:
-    """The largest overshoot or settling time over a set of step responses, and the force loop to
-    which the value belongs."""
+    """The largest overshoot or settling time in a set of step responses, and the force loop that
+    has this value."""
 
     value: float
     member: SetMember = json_field(inline=True)
@@ -166,11 +166,11 @@ class WorstStep:
 
 @dataclass(frozen=True, kw_only=True)
 class StepOfSet:
-    """The step responses of the force loops of a set, with the nominal loops first.
+    """The step responses of the force loops of a set. The nominal loops come first.
 
-    gain: k of the nominal loop in `unit`; firmware_gain: in DAC codes per 8-bit count, None if the
-    loops do not feed back ADC 0. stable: True if all loops are stable. worst: the largest overshoot
-    ("overshoot") and settling time ("settle_s").
+    gain: k of the nominal loop in `unit`. firmware_gain: k in DAC codes per 8-bit count, or None if
+    the loops do not feed back ADC 0. stable: True if all loops are stable. worst: the loops with
+    the largest overshoot ("overshoot") and the largest settling time ("settle_s").
     """
 
     analysed: AnalysedSet = json_field(inline=True)
@@ -183,8 +183,8 @@ class StepOfSet:
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
-    """Returns True if parameter ranges, element states and delays specify more than one force
-    loop."""
+    """Returns True if the parameter ranges, element states and delays of a request specify more
+    than one force loop."""
     return bool(over or modes or request.timing == "both")
 
 
@@ -209,7 +209,7 @@ class LoopSet:
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """Returns the gain k and the `force_gain` at which the force loops of the set are drawn.
+        """Returns (k, `force_gain`), the gain at which the force loops of the set are drawn.
         Without a given gain, k is half the largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
@@ -221,9 +221,9 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     """Returns the set of force loops that a request specifies. `ranges`: texts NAME=RANGE, or the
     file of a posterior, as in `plant_set.set_of`.
 
-    modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
-    None: nominal if the request has states, otherwise visited for an experiment and all for a
-    model. Raises InputError.
+    modes: selects the combinations of element states. "visited": those that a run of the experiment
+    visits. "all": all of them. "nominal": only that of the request. None: "nominal" if the request
+    has states, otherwise "visited" for an experiment and "all" for a model. Raises InputError.
     """
     own = request.settings()
     spec = request.spec(own)
@@ -242,7 +242,7 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
 def _modes_of(
     request: LoopRequest, own: ModelSettings, modes: str | None
 ) -> tuple[dict[str, str], ...]:
-    """Returns the combinations of element states of a set of plants, as described in `loop_set`."""
+    """Returns the combinations of element states of a set of plants. `modes`: as in loop_set()."""
     fixed = dict(request.states)
     if fixed and modes:
         raise ParameterError("modes", "expected either `modes` or `states`, got both")
@@ -268,7 +268,7 @@ def _analysed(found: LoopSet) -> AnalysedSet:
     """Returns the description of the set of force loops for the JSON output."""
     nominal = AnalysedLoop.of(found.nominal())
     _, comma, label = nominal.timing.partition(", ")
-    bus = comma + label  # "" without a bus
+    bus = comma + label  # "" for a model without a bus
     return AnalysedSet(
         loop=replace(nominal, timing=" and ".join(found.timings) + bus),
         over=SetEntry(
@@ -325,8 +325,8 @@ def limit_of(found: LoopSet) -> LimitOfSet:
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
-    """Returns plant, delay and force loop for each loop in a plot. The nominal plants of all
-    combinations of element states are the first."""
+    """Yields (plant, delay, force loop) for each loop in a plot. The nominal plants of all
+    combinations of element states come first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
@@ -339,10 +339,11 @@ def _curves_over(
     points: int,
     of: str | None = None,
 ) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns the curves and the result of the frequency responses over a set of force loops. The
-    function response(loop, k) returns a System with one input and one output for each curve.
+    """Returns (curves, result) for the frequency responses of a set of force loops.
+    `response(loop, k)`: function that returns a System with one input and one output.
 
-    The first curve is nominal; the result contains the worst bandwidth and margins, and `of`.
+    The first curve is nominal. The result contains the worst bandwidth and margins. `of`: as in
+    CurvesOfSet.
     """
     gain, force_gain = found.drawn_gain()
     drawn, rows = [], []
@@ -362,8 +363,7 @@ def _curves_over(
 
 
 def nyquist_of(found: LoopSet) -> tuple[list[Curve], CurvesOfSet]:
-    """Returns the curves and the result of a Nyquist plot of the loop gains of a set of force
-    loops."""
+    """Returns (curves, result) for a Nyquist plot of the loop gains of a set of force loops."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -373,10 +373,10 @@ def bode(
     ranges: Sequence[str] = (),
     modes: str | None = None,
 ) -> tuple[list[Curve], LoopBode | PlantBode | CurvesOfSet]:
-    """Returns the curves and the result of a Bode plot for a plant, for a force loop, or for a set
-    of force loops.
+    """Returns (curves, result) for a Bode plot of a plant, of a force loop, or of a set of force
+    loops.
 
-    ranges, modes: as in `loop_set`.
+    ranges, modes: as in loop_set().
     """
     several = wanted(request, ranges, modes)
     part = view.part or ("loop" if request.has_law or several else None)
@@ -408,7 +408,7 @@ def bode(
 
 
 def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
-    """Returns the step responses of the nominal force loops and of other loops of a set.
+    """Returns the step responses of the force loops of a set. The nominal loops come first.
     `duration_s`: as in limits.step_response."""
     given = found.drawn_gain()
     rows = []
@@ -435,8 +435,8 @@ def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
 def _worst_step(
     rows: Sequence[MemberStep], figure: Callable[[StepResponse], float | None]
 ) -> WorstStep | None:
-    """Returns the step response with the largest overshoot or settling time, as `figure` selects.
-    Returns None if no step response has this value."""
+    """Returns the step response with the largest value that `figure` returns, an overshoot or a
+    settling time. Returns None if no step response has this value."""
     found: WorstStep | None = None
     for row in rows:
         value = figure(row.response)

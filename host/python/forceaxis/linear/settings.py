@@ -1,7 +1,7 @@
 """The plant of a model or an experiment, and the force loop that the firmware of an experiment
-closes. The analysis uses the experiment's model, the table [set], and the initial values of
-[firmware] as the firmware stores these values: control law, filter bank, gain, latency. Later
-writes of the experiment ([[at]]) are ignored."""
+closes. The analysis uses the experiment's model, its table [set], and the initial values of its
+table [firmware] as the firmware stores them: control law, filter bank, gain, latency. Later writes
+of the experiment ([[at]]) are ignored."""
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,8 +42,8 @@ def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
 @dataclass(frozen=True, kw_only=True)
 class FirmwareLaw:
     """The control law of the firmware. law: a name of `loops.LAWS`. bank: the filter bank, or None.
-    force_gain: gain of a law of the thesis in DAC codes per 8-bit count, or None. parameters: those
-    of a law of motion in SI units. late_motion: as in LoopSpec."""
+    force_gain: gain of a law of the thesis in DAC codes per 8-bit count, or None. parameters:
+    parameters of a law of motion in SI units. late_motion: as in LoopSpec."""
 
     law: str = "p"
     bank: banks.Bank | None = None
@@ -53,18 +53,18 @@ class FirmwareLaw:
 
     @property
     def firmware_gain(self) -> float | None:
-        """The active gain of the firmware in DAC codes per 8-bit count. None for a model, or if no
-        gain is given."""
+        """The active gain of the firmware in DAC codes per 8-bit count. It is None for a model, or
+        if no gain is given."""
         return self.bank.force_gain if self.bank else self.force_gain
 
 
 @dataclass(frozen=True)
 class ModelSettings(FirmwareLaw):
-    """The plant of a force loop, and the control law of the firmware if an experiment specifies a
-    law."""
+    """The plant of a force loop. If an experiment specifies a control law of the firmware, the
+    settings also have this law."""
 
     model: str
-    overrides: dict[str, float | str]  # parameter values in SI units, or texts with a unit
+    overrides: dict[str, float | str]  # {parameter: SI value, or text with a unit}
     experiment: str | None = None
     timing: str = "zoh"
     texts: tuple[str, ...] = ()  # overrides of the experiment as texts NAME=VALUE
@@ -81,16 +81,16 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Container[str]) -> bool:
-    """Returns True if `table`, the content of a file, is an experiment, which names a model and a
-    run."""
+    """Returns True if `table`, the content of a file, is that of an experiment. An experiment names
+    a model and a run."""
     return "model" in table and "duration_s" in table
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """Returns the ModelSettings of a model or experiment, which is given as path or as file name
+    """Returns the ModelSettings of a model or experiment. `text`: its path, or its file name
     without suffix. `overrides`: {parameter: value}, for an experiment also firmware.NAME. `plant`:
-    True if only the plant is needed. Raises InputError for a wrong file or value; without `plant`,
-    also for an experiment without a force law."""
+    True if only the plant is needed. Raises InputError for a wrong file or value. Unless `plant` is
+    True, also raises it for an experiment without a force law."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
@@ -120,7 +120,7 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
 
 
 def _law(path: Path, firmware: Firmware) -> str:
-    """Returns the control law of the mode of operation that the firmware starts with."""
+    """Returns the control law of the mode of operation with which the firmware starts."""
     drive = int(firmware.get("modes_of_operation", 0))
     if drive in FORCE_MODES:
         return FORCE_MODES[drive]

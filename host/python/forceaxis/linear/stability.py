@@ -1,9 +1,9 @@
 """Stability of a force loop: critical gain, margins, root locus and step response.
 
-A `Loop` is a control law around a plant, as `loops.force_loop` makes the loop. Critical gain
-and margins are computed from the response along the stability boundary, whose values are
-accurate to the rounding of single entries of the matrices (`_core.BoundaryResponse`). Eigenvalues
-only give the places at which to compute.
+A `Loop` is a control law around a plant, as `loops.force_loop` makes it. Critical gain and margins
+are computed from the response of the loop along the stability boundary (`_core.BoundaryResponse`).
+The error of this response is only that of rounding each entry of the matrices. Eigenvalues only
+tell at which frequencies to compute the response.
 """
 
 import itertools
@@ -24,42 +24,42 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# Largest relative change of the gain of a crossing by rounding of the matrix entries.
+# Rounding of the matrix entries may change the gain of a reported crossing by this share.
 # A crossing of the stability boundary whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# Share of a loop's typical gain that is smaller than the gain of every useful law.
-# Below this gain, rounding decides whether a loop with two integrators is stable.
+# A gain below this share of a loop's typical gain is too small for every useful law.
+# Below it, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
-SLOWEST_POLE_RAD_PER_S = 1e-3  # slower poles are integrators, within rounding
-# Gains at which an answer without a limit is checked, as shares of the typical gain.
+SLOWEST_POLE_RAD_PER_S = 1e-3  # a slower pole is an integrator, within rounding errors
+# Gains, as shares of the typical gain, at which the result "no limit" is checked.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next gain of a search.
 # Two changes between stable and unstable within one step are not detected.
 GAIN_STEP_FACTOR = 1.1
-GAINS_AT_ONCE = 24  # gains that a search evaluates together
-ROUNDED_AGAIN = 3  # number of times that a matrix is rounded otherwise, to see what this changes
-# Distance from a limit at which the loop must be seen to be stable and unstable, as a share of it.
+GAINS_AT_ONCE = 24  # number of gains that a search evaluates together
+ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show their effect
+# The loop must be seen to be stable and unstable at this distance from a limit. The distance is a
+# share of the limit.
 EDGE_SHARE = 1e-7
 
 
 def known_text(known_to: float, unit: str) -> str:
-    """Returns a text with the gain `known_to` in `unit`. Up to this gain the force loop has no
-    crossing of the stability boundary. Above this gain rounding errors are too large for a
-    statement."""
+    """Returns a text with the gain `known_to` in `unit`. Up to this gain, no closed-loop pole
+    crosses the stability boundary. Above it, rounding errors are too large for a statement."""
     return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """A crossing: a gain at which a closed-loop pole is on the stability boundary."""
+    """A crossing of the stability boundary: the gain at which a closed-loop pole is on it."""
 
     gain: float
-    # The frequency of the crossing in Hz.
-    # None for a pole at infinity, of a continuous loop with a negative direct path.
+    # Frequency of the crossing in Hz.
+    # None for a pole at infinity, which a continuous loop with a negative direct path may have.
     frequency_hz: float | None
-    # Direction in which the pole moves as the gain rises: 1 leaves the stable region,
-    # -1 enters the stable region, 0 touches the stability boundary.
+    # Direction in which the pole moves as the gain rises. 1: it leaves the stable region.
+    # -1: it enters the stable region. 0: it only touches the stability boundary.
     direction: int
 
 
@@ -71,7 +71,7 @@ class Limit:
     gain: float | None
     frequency_hz: float | None
     crossings: list[Crossing]
-    # Ranges of stable gains as (from, to). The value `to` is None if the range has no upper end.
+    # Ranges of stable gains as (from, to). `to` is None if the range has no upper end.
     stable_ranges: list[tuple[float, float | None]]
     reason: str
     # Gain above which rounding errors hide crossings of the stability boundary, or None.
@@ -97,11 +97,11 @@ class Crossover:
 class Margins:
     """Gain margins and phase margins of a force loop at one gain.
 
-    gain_margin: gain factor up to the next crossing above, None if there is no crossing, or none up
-    to `known_to`. gain_reduction: gain factor (< 1) down to the next crossing below, None if there
-    is no crossing. phase_margin_deg: the phase margin with the smallest magnitude, at
-    crossover_hz; None if |L| is 1 at no frequency. crossovers: all of them. known_to: gain factor
-    above which rounding hides crossings, None if there is no such factor.
+    gain_margin: gain factor up to the next crossing above the gain, or None if there is none. If
+    known_to is given, there is none up to this factor. gain_reduction: gain factor (< 1) down to
+    the next crossing below the gain, or None. phase_margin_deg: the phase margin with the smallest
+    magnitude, at crossover_hz. It is None if |L| is nowhere 1. crossovers: all frequencies at which
+    |L| is 1. known_to: gain factor above which rounding errors hide crossings, or None.
     """
 
     gain_margin: float | None
@@ -116,9 +116,9 @@ class Margins:
 class Loop:
     """A force loop without its gain k: a control law around a plant.
 
-    whole: system from the error, multiplied by k, to the feedback of the law and to the controlled
-    signal. unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count)
-    per k. working: states of the elements of the plant.
+    whole: system whose input is the error multiplied by k. Its outputs are the feedback of the law
+    and the controlled signal. unit: unit of k, V/N for a force. codes_per_gain: firmware gain in
+    DAC codes per 8-bit count for k = 1. working: states of the elements of the plant.
     """
 
     model: str
@@ -130,10 +130,11 @@ class Loop:
     codes_per_gain: float | None
     parameters: dict[str, float] = field(default_factory=dict)
     bank: Bank | None = None
-    own_gain: float | None = None  # gain k of the experiment to which the force loop belongs
+    own_gain: float | None = None  # gain k of the loop's experiment
     working: Working = field(default_factory=lambda: Working({}))
-    # Effect of a constant set-point on the states and on the feedback of a loop over a bus whose
-    # law acts in every tick and whose input is the code of a cycle. None: as that of the error.
+    # Effect of a constant set-point on the states and on the feedback. It is given for a loop over
+    # a bus, whose law acts in every tick and whose inputs are codes. None: same effect as the
+    # error.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
@@ -147,8 +148,8 @@ class Loop:
         return self.whole.dt
 
     def firmware_gain(self, gain: float) -> float:
-        """Returns the `force_gain` of the firmware in DAC codes per 8-bit count for a gain k of the
-        loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
+        """Returns the `force_gain` of the firmware, in DAC codes per 8-bit count, for a gain k of
+        the loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
                 "firmware gain: expected a loop that controls the signal of ADC channel 0, got a "
@@ -157,20 +158,20 @@ class Loop:
         return gain * self.codes_per_gain
 
     def optional_firmware_gain(self, gain: float | None) -> float | None:
-        """Returns the same value as firmware_gain(gain), or None if the gain is None or 0, or if
-        the loop does not feed back the signal of ADC 0."""
+        """Returns firmware_gain(gain). Returns None if the gain is None or 0, or if the loop does
+        not feed back the signal of ADC 0."""
         return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:
-        """Returns the gain k of the loop for a `force_gain` of the firmware in DAC codes per 8-bit
+        """Returns the gain k of the loop for a `force_gain` of the firmware, in DAC codes per 8-bit
         count. Raises InputError if the loop does not feed back the signal of ADC 0."""
         return firmware_gain / self.firmware_gain(1.0)
 
     def closed(self, gain: float) -> System:
-        """Returns the closed loop at a gain k as a System from the set-point to the controlled
+        """Returns the closed loop at a gain k, as a System from the set-point to the controlled
         signal. The set-point has the unit of the feedback (N for a force)."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        # The input of the plant with the set-point r: u = gain (r - C x - D u) = share (r - C x)
+        # The input of the plant with the set-point r is u = gain (r - C x - D u) = share (r - C x).
         share = gain / (1 + gain * D[0, 0])
         return replace(
             self.whole,
@@ -183,7 +184,7 @@ class Loop:
         )
 
     def sensitivity(self, gain: float) -> System:
-        """Returns the sensitivity function S = 1 / (1 + k L) at a gain k as a System from the
+        """Returns the sensitivity function S = 1 / (1 + k L) at a gain k, as a System from the
         set-point to the error."""
         A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
         share = gain / D[0, 0]
@@ -228,11 +229,12 @@ class Loop:
         return response(self._minimal)
 
     def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
-        """Returns the response G of the loop at frequencies w along the stability boundary, the
-        derivative dG/dw, and the change of G by rounding of the matrix entries. Each array has the
-        shape of w."""
+        """Returns three arrays in the shape of w: the response G of the loop at frequencies w along
+        the stability boundary, the derivative dG/dw, and the largest change of G by rounding of the
+        matrix entries."""
         at = np.asarray(w, float)
-        # The minimal system is needed at w = 0 only, if a pole at 0 has no effect on the output.
+        # At w = 0, the minimal system is needed. A pole at 0 may have no effect on the output
+        # there.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding
@@ -241,13 +243,12 @@ class Loop:
         return self._known(w)[0]
 
     def _static_rounding(self, static: float) -> float:
-        """Returns the value that |G(0)| must exceed, so that the rounding error of G(0) is below 1
-        %. Returns infinity for an integrator.
+        """Returns the value that |G(0)| must exceed so that its rounding error is below 1 %.
+        Returns infinity for an integrator.
 
-        G(0) is computed again with states in other units, whose rounding differs. The difference
-        also contains errors that `_known` does not include, from a pole and a zero at 0 Hz that
-        were removed.
-        """
+        G(0) is computed again with states in other units, which changes the rounding. The
+        difference also contains errors that `_known` does not include. They come from a pole and a
+        zero at 0 Hz that were removed."""
         n = len(self.open.A)
         apart = 0.0
         for turn in (0.618, 0.414, 0.732):
@@ -262,9 +263,9 @@ class Loop:
         return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
-        """Returns frequencies along the stability boundary. Between two adjacent frequencies, a
-        real function of w changes its sign at most once. `zeros`: estimates of the zeros of this
-        function in s. No returned frequency is a pole."""
+        """Returns frequencies along the stability boundary. None of them is a pole. Between two
+        adjacent frequencies, a real function of w changes its sign at most once. `zeros`: estimates
+        of the zeros of this function in s."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
@@ -282,15 +283,16 @@ class Loop:
 
     @staticmethod
     def _gain_of_1(sizes: Matrix) -> float:
-        """Returns the gain at which a loop gain with these sizes at a gain of 1 is about 1."""
+        """Returns the gain at which the loop gain is about 1. `sizes`: magnitudes of the loop gain
+        divided by k."""
         sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
         return 1 / float(np.median(sizes)) if len(sizes) else 1.0
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
-        """Returns the poles that lie on the stability boundary at gain 0, within rounding errors,
-        as (frequency along the boundary, change of the pole per gain). The change is None for a
-        multiple pole."""
+        """Returns the poles that are on the stability boundary at gain 0, within rounding errors.
+        Each is (frequency along the boundary, change of the pole per gain). The change is None for
+        a multiple pole."""
         A, B, C, _ = self._plane
         size = np.linalg.norm(A)
         there = np.abs(self._poles.real) <= np.maximum(1e-12 * np.abs(self._poles), 1e-17 * size)
@@ -302,7 +304,7 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            # Product of left and right eigenvector. The product is 0 if two poles are equal.
+            # Product of left and right eigenvector. It is 0 if two poles are equal.
             turn = left[i] @ right[:, i]
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
@@ -310,8 +312,8 @@ class Loop:
 
     @property
     def _at_gain_0(self) -> list[Crossing]:
-        """Crossings of the stability boundary at gain 0. These crossings are the undamped simple
-        poles of the plant."""
+        """Crossings of the stability boundary at gain 0. They are the undamped simple poles of the
+        plant."""
         found = [(w, move) for w, move in self._boundary_poles if move is not None]
         sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
         return [
@@ -332,8 +334,8 @@ class Loop:
 
     @cached_property
     def _real_points(self) -> Matrix:
-        """Complex points s with G(s) = G(-s), where G is the response of the loop. At those points
-        that lie on the imaginary axis, G is real."""
+        """Complex points s at which G(s) = G(-s), where G is the response of the loop. If such a
+        point is on the imaginary axis, G is real there."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
         both = System(
@@ -346,17 +348,17 @@ class Loop:
         """Returns all gains > 0 at which a closed-loop pole is on the stability boundary, in
         ascending order.
 
-        At these points G is real and negative, and k = -1 / G. The points at which G is real are an
-        eigenvalue problem, so no point is missed; each point is then refined with G itself. If G is
-        real on the whole axis (a plant without damping), there are no crossings.
-        """
+        At such a point of the boundary, G is real and negative, and k = -1 / G. The points at which
+        G is real are the solution of an eigenvalue problem, so no point is missed. Each point is
+        then refined with G itself. If G is real on the whole axis (a plant without damping), there
+        are no crossings."""
         return [crossing for crossing in self.limit().crossings if crossing.gain]
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
-        """Computes all crossings of the stability boundary below a gain above which rounding errors
-        hide crossings. Returns the crossings and this gain, which is None if rounding errors hide
-        no crossing."""
+        """Returns (crossings, gain). The crossings of the stability boundary are all those below
+        this gain. Above it, rounding errors hide crossings. The gain is None if rounding errors
+        hide no crossing."""
         if not len(self._minimal.A):
             return [], None
         zeros = self._real_points
@@ -395,8 +397,8 @@ class Loop:
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
         """Returns the smallest gain at which rounding errors could hide a crossing of the stability
-        boundary. Between two frequencies of the grid, the rounding error of G then exceeds both Im
-        G and GAIN_CHANGE_MAX |G|. Negligible gains do not count."""
+        boundary. They could, if the rounding error of G between two frequencies of the grid exceeds
+        both Im G and GAIN_CHANGE_MAX |G|. Negligible gains do not count."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         negligible = NEGLIGIBLE_GAIN * self._typical_gain
         least = math.inf
@@ -423,9 +425,9 @@ class Loop:
         return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
 
     def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
-        """Returns frequencies w at which a closed-loop pole touches the stability boundary without
-        crossing the boundary, as [(w, 0)]. These frequencies are the double zeros of Im G. `zeros`:
-        all zeros of Im G in the complex plane; `values`: Im G on the grid."""
+        """Returns [(w, 0)] for all frequencies w at which a closed-loop pole touches the stability
+        boundary without crossing it. They are the double zeros of Im G. `zeros`: all zeros of Im G
+        in the complex plane. `values`: Im G on the grid."""
         found = []
         for zero in zeros:
             w = abs(zero.imag)
@@ -439,9 +441,9 @@ class Loop:
         return found
 
     def _ends(self, values: Matrix, least: float) -> list[Crossing]:
-        """Returns the crossings at the two ends of the stability boundary: at frequency 0, unless
-        the plant integrates, and at infinity or z = -1. `values`: Im G on the grid; `least`: the
-        largest negative direct path that rounding errors can cause."""
+        """Returns the crossings at the two ends of the stability boundary. One end is frequency 0,
+        unless the plant integrates. The other end is infinity or z = -1. `values`: Im G on the
+        grid. `least`: the largest negative direct path that rounding errors can cause."""
         crossings = []
         static = float(self._at(0.0).real)
         if -math.inf < static < 0 and static < -self._static_rounding(static):
@@ -453,16 +455,16 @@ class Loop:
         return crossings
 
     def stable(self, gain: float) -> bool:
-        """Returns True if the closed loop is stable at a gain k. States that are not controllable
-        or not observable in the loop are ignored."""
+        """Returns True if the closed loop is stable at a gain k. States of the loop that are not
+        controllable or not observable are ignored."""
         A = self._closed_minimal(gain)
         poles = _core.eigenvalues(A)
         rounding = 1e-18 * len(A) * max(float(np.linalg.norm(A)), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain: float) -> float:
-        """Returns the decay rate in 1/s of the slowest closed-loop pole at a gain k. The decay rate
-        is negative for an unstable loop."""
+        """Returns the decay rate in 1/s of the slowest closed-loop pole at a gain k. It is negative
+        for an unstable loop."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
@@ -477,8 +479,8 @@ class Loop:
         return result
 
     def _growths(self, gains: Matrix) -> Matrix:
-        """Returns for each gain the largest distance by which a closed-loop pole lies outside of
-        the stability boundary: the largest real part, or the largest magnitude less 1."""
+        """Returns, for each gain, how far the outermost closed-loop pole is outside of the
+        stability boundary. This is the largest real part, or the largest magnitude minus 1."""
         found: Matrix = np.array([self._growth(self._closed_minimal(gain)) for gain in gains])
         return found
 
@@ -487,22 +489,23 @@ class Loop:
         return float(poles.real.max() if self.dt is None else np.abs(poles).max() - 1)
 
     def _settled(self, gain: float) -> bool | None:
-        """Returns True if the closed loop is stable at a gain k, False if it is unstable, and None
-        if it may be either, because the entries of its matrix are known to the rounding of double
-        precision only."""
+        """Returns True if the closed loop is stable at a gain k, and False if it is unstable.
+        Returns None if rounding decides: the entries of its matrix are known only to double
+        precision."""
         A = self._closed_minimal(gain)
         rng = np.random.default_rng(len(A))
         growths = [self._growth(A)]
         for _ in range(ROUNDED_AGAIN):
             growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
-        # A change of the matrix of the same size in another direction must give the same answer.
+        # A change of the matrix by the same size in another direction must give the same answer.
         size = 1.0 if self.dt is not None else float(np.abs(self._poles).max())
         least = max(growths) - min(growths) + 2.0**-50 * size
         return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
 
     def _smallest_stable(self) -> float | None:
-        """Returns the smallest of the CHECKED_GAINS at which rounding does not decide whether the
-        loop is stable. Returns None if the loop is unstable there, or if there is no such gain."""
+        """Returns the smallest of the CHECKED_GAINS at which the answer does not depend on
+        rounding, if the loop is stable there. Returns None if the loop is unstable there, or if
+        there is no such gain."""
         for gain in self._typical_gain * CHECKED_GAINS:
             settled = self._settled(gain)
             if settled is not None:
@@ -510,8 +513,9 @@ class Loop:
         return None
 
     def _edge_above(self, gain: float) -> float | None:
-        """Returns the lowest gain above a stable one at which a closed-loop pole reaches the
-        stability boundary, or None if there is none up to the largest of the CHECKED_GAINS."""
+        """Returns the lowest gain above `gain` at which a closed-loop pole reaches the stability
+        boundary. At `gain`, the loop is stable. Returns None if there is no such gain up to the
+        largest of the CHECKED_GAINS."""
 
         def growth(k: float) -> float:
             return self._growth(self._closed_minimal(k))
@@ -524,22 +528,22 @@ class Loop:
                 if outside < 0:
                     inside = at
                 elif at > inside and self._settled(at) is False:
-                    while growth(inside) >= 0:  # a search may use less exact values of the growth
+                    while growth(inside) >= 0:  # the search may have used a less exact growth
                         inside = max(inside / GAIN_STEP_FACTOR, least)
                     return self._root(growth, inside, at)
             gain = float(gains[-1])
         return None
 
     def _frequency(self, gain: float) -> float:
-        """Returns the frequency in Hz of the closed-loop pole that is outermost at a gain k."""
+        """Returns the frequency in Hz of the outermost closed-loop pole at a gain k."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(abs(poles[np.argmax(poles.real)].imag) / (2 * math.pi))
         return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / (2 * math.pi * self.dt))
 
     def _of_poles(self) -> Limit:
-        """Returns the limit that follows from the closed-loop poles, without the crossings above
-        it."""
+        """Returns the limit that follows from the closed-loop poles. It has no crossings above the
+        limit."""
         start = self._smallest_stable()
         if start is None:
             return Limit(0.0, None, [], [], "unstable at any small gain")
@@ -552,8 +556,8 @@ class Loop:
         return Limit(edge, hz, [Crossing(edge, hz, 1)], [(0.0, edge)], "")
 
     def _checked(self, found: Limit) -> Limit:
-        """Returns the answer `found`, which is that there is no limit or that no small gain is
-        stable. If the closed-loop poles contradict the answer, returns what they show."""
+        """Checks the result `found`: that there is no limit, or that no small gain is stable.
+        Returns `found`, or the limit from the closed-loop poles if these contradict it."""
         if not len(self._minimal.A):
             return found
         start = self._smallest_stable()
@@ -578,7 +582,7 @@ class Loop:
 
     @cached_property
     def _ranges_by_response(self) -> list[tuple[float, float | None]]:
-        """Ranges of stable gains between the crossings."""
+        """Ranges of stable gains between crossings of the stability boundary."""
         if not len(self._minimal.A):
             return [(0.0, None)]
         crossings, known_to = self._crossed
@@ -589,7 +593,7 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # The loop is stable in the whole range of gains or nowhere in it.
+            # Between two crossings, the loop is stable either everywhere or nowhere.
             # Small gains are checked too, because rounding may hide stability at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
@@ -621,19 +625,19 @@ class Loop:
     def limit(self) -> Limit:
         """Returns the smallest gain at which the force loop becomes unstable as the gain rises from
         0, with all crossings of the stability boundary. If this gain is 0, the crossings also
-        contain the poles of the plant that lie on the stability boundary. A loop without a
-        limit is reported only if the closed-loop poles confirm it."""
+        contain the poles of the plant that are on the stability boundary. The result is "no limit"
+        only if the closed-loop poles confirm it."""
         return self._limit
 
     @property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Ranges (from, to) of gains in which the force loop is stable. The value `to` is None if
+        """Returns the ranges (from, to) of gains in which the force loop is stable. `to` is None if
         the range has no upper end."""
         return self.limit().stable_ranges
 
     def margins(self, gain: float) -> Margins:
-        """Returns the gain and phase margins of a force loop at a gain k at which the loop is
-        stable."""
+        """Returns the gain margins and phase margins of the force loop at a gain k. The loop must
+        be stable at k."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed
@@ -674,11 +678,12 @@ class Loop:
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
-        """Returns the times in s and the response of the closed loop from rest to a unit step of
-        the set-point, at every tick (for a continuous loop every 1/1500 s).
+        """Returns (times in s, response) of the closed loop to a unit step of the set-point. The
+        loop is at rest before. There is a value at every tick (for a continuous loop, every
+        1/1500 s).
 
-        The set-point is f_d; for the law stiffness K_fs x_d, for damping K_fd v_d. The values at
-        these times are exact.
+        The set-point is f_d. For law stiffness it is K_fs x_d, and for law damping K_fd v_d. The
+        values at these times are exact.
         """
         closed = self.closed(gain)
         if self.dt is None:
@@ -695,10 +700,11 @@ class Loop:
         return time_s, y
 
     def locus(self, gains: Matrix, plane: str = "s") -> Matrix:
-        """Returns closed-loop poles at ascending gains in the shape (len(gains), poles). Each
+        """Returns the closed-loop poles at ascending gains, in the shape (len(gains), poles). Each
         column is one branch of the root locus.
 
-        In 1/s, or z of a sampled loop with plane "z". In s, a branch from z = 0 starts at -inf.
+        The poles are in 1/s, or in z for a sampled loop with the plane "z". In 1/s, a branch from
+        z = 0 starts at -infinity.
         """
 
         def poles(gain: float) -> Matrix:

@@ -1,10 +1,10 @@
-"""The plant with given states of its elements as a linear system: matrices, poles, zeros,
-responses, and sampling with zero-order hold.
+"""The plant with given states of its elements as a linear system. The module computes matrices,
+poles, zeros and responses, and samples the system with a zero-order hold.
 
-All results come from the equations that the time simulation integrates (`_core.linear`). `loops`
-closes control loops around the system, `modes` analyses the mechanics alone. Poles, zeros and holds
-are computed in extended precision (sim/linear/extended.hpp), because the last digits of LAPACK
-depend on the processor.
+All results come from the equations that the time simulation integrates (`_core.linear`). The module
+`loops` closes control loops around the system, and `modes` analyses the mechanics alone. Poles,
+zeros and zero-order holds are computed in extended precision (sim/linear/extended.hpp), because the
+last digits of LAPACK depend on the processor.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,7 +32,7 @@ TICK_S = 1 / _core.TICKS_PER_SECOND
 
 
 def _complement(rows: Matrix) -> Matrix:
-    """Returns orthonormal columns (n, n - d) that are orthogonal to all d rows of length n,
+    """Returns n - d orthonormal columns of length n that are orthogonal to all d rows. They are
     computed by Householder reflections."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
@@ -47,12 +47,12 @@ def _complement(rows: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class System:
-    """A linear system: x' = A x + B u, or x(k+1) = A x(k) + B u(k) every `dt` seconds; y = C x + D
-    u.
+    """A linear system with y = C x + D u. It is x' = A x + B u, or x(k+1) = A x(k) + B u(k) every
+    `dt` seconds.
 
-    A (n, n), B (n, m), C (p, n), D (p, m): float arrays in SI units; `states`, `inputs`, `outputs`
-    name their rows and columns. Methods that use one transfer function (`zeros`,
-    `transfer_function`) need one input and one output; `select` selects them.
+    A (n, n), B (n, m), C (p, n), D (p, m): float arrays in SI units. `states`, `inputs` and
+    `outputs` name their rows and columns. Some methods use one transfer function (`zeros`,
+    `transfer_function`). They need one input and one output, which `select` selects.
     """
 
     A: Matrix
@@ -81,22 +81,22 @@ class System:
 
     @cached_property
     def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
-        """The matrices (A, B, C) after a change of the units of the states. With the new units,
-        rows and columns of A have similar magnitudes."""
+        """The matrices (A, B, C) with the states in other units, so that rows and columns of A have
+        similar magnitudes."""
         if not len(self.A):
             return self.A, self.B, self.C
         scale = _core.balance(self.A)
         return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
     def poles(self) -> Matrix:
-        """Returns the poles of the system, which are the eigenvalues of A in 1/s, or z for a
-        sampled system."""
+        """Returns the poles of the system, which are the eigenvalues of A. They are in 1/s, or
+        values of z for a sampled system."""
         result: Matrix = _core.eigenvalues(self.A)
         return result
 
     def poles_s(self) -> Matrix:
-        """Returns the poles of the system in 1/s. For a sampled system the poles are log(z) / dt,
-        and a pole at z = 0 is -infinity."""
+        """Returns the poles of the system in 1/s. For a sampled system they are log(z) / dt. A pole
+        at z = 0 is then -infinity."""
         return self._per_second(self.poles())
 
     def stable(self) -> bool:
@@ -105,8 +105,8 @@ class System:
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
     def _markov(self) -> tuple[int, float]:
-        """Returns the relative degree r of the transfer function, and the first nonzero Markov
-        parameter of the system, which is C A^(r-1) B, or D for r = 0."""
+        """Returns (relative degree r of the transfer function, first Markov parameter that is not
+        0). This Markov parameter is C A^(r-1) B, or D for r = 0."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
@@ -128,12 +128,12 @@ class System:
         return self._markov()[1] != 0.0
 
     def zeros(self) -> Matrix:
-        """Returns the zeros of the transfer function in 1/s or as z, including zeros that cancel
-        poles.
+        """Returns the zeros of the transfer function in 1/s, or in z for a sampled system. Zeros
+        that cancel poles are included.
 
-        The zeros are the poles of the system under a feedback that keeps its output at 0. The
-        feedback uses the first nonzero derivative of the output; the states are those for which the
-        output and its lower derivatives are 0.
+        The zeros are the poles of the system under a feedback that keeps its output at 0. This
+        feedback uses the lowest derivative of the output on which the input acts. Only states count
+        for which the output and its lower derivatives are 0.
         """
         degree, value = self._markov()
         if value == 0.0:
@@ -155,7 +155,7 @@ class System:
         return result
 
     def zeros_s(self) -> Matrix:
-        """Returns the zeros of the transfer function in 1/s. For a sampled system, zeros are
+        """Returns the zeros of the transfer function in 1/s. Zeros of a sampled system are
         converted as in `poles_s`."""
         return self._per_second(self.zeros())
 
@@ -171,8 +171,8 @@ class System:
         return float(self._markov()[1])
 
     def transfer_function(self) -> tuple[Matrix, Matrix]:
-        """Returns the coefficients (numerator, denominator) of the transfer function, highest power
-        first. The first coefficient of the denominator is 1."""
+        """Returns the coefficients (numerator, denominator) of the transfer function, with the
+        highest power first. The first coefficient of the denominator is 1."""
         value = self.gain()
         if value == 0.0:
             return np.zeros(1), polynomial(self.poles())
@@ -185,7 +185,7 @@ class System:
 
     def at(self, points: ArrayLike) -> Matrix:
         """Returns the values of the transfer function at complex points s (or z), in the shape of
-        `points`. With several inputs or outputs, (outputs, inputs) is appended to this shape."""
+        `points`. With several inputs or outputs, the shape is extended by (outputs, inputs)."""
         s = np.asarray(points, complex)
         H, B, C = self._hessenberg
         values: Matrix = _core.hessenberg_response(H, B, C, self.D, s.ravel())
@@ -194,16 +194,16 @@ class System:
         return values.reshape(s.shape + values.shape[1:])
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Returns the values of the frequency response at frequencies in Hz, in the form of
+        """Returns the frequency response at frequencies in Hz. The result has the shape of that of
         at()."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
     def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
-        """Returns the sampled system with a zero-order hold at its input and the sampling period
-        `dt` in s. The inputs act `delay_ticks` samples later. `extended`: True if A and B keep the
-        digits of np.longdouble, because in double precision a very small response G would lose its
-        digits."""
+        """Returns the sampled system with a zero-order hold at its input. `dt`: sampling period in
+        s. `delay_ticks`: number of samples by which the inputs act later. `extended`: True if A and
+        B keep the digits of np.longdouble. In double precision, a very small response G would lose
+        its digits."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
         n = len(self.A)
@@ -234,8 +234,8 @@ class System:
         )
 
     def state_space(self) -> "control.StateSpace":
-        """Returns the system as `control.StateSpace` with the names of inputs, outputs and states.
-        python-control needs _ in place of dots."""
+        """Returns the system as `control.StateSpace`, with the names of inputs, outputs and states.
+        Dots in these names become _, because python-control does not allow dots."""
         import control
 
         def plain(names: Sequence[str]) -> list[str]:
@@ -252,13 +252,13 @@ class System:
 
 
 def polynomial(roots: Matrix) -> Matrix:
-    """Returns the coefficients of the monic real polynomial with the given roots, highest power
-    first."""
+    """Returns the coefficients of the real polynomial with the given roots, with the highest power
+    first. The first coefficient is 1."""
     return np.atleast_1d(np.real(np.poly(roots)))  # if there are no roots, NumPy returns a scalar 1
 
 
 def find_model(text: str | Path) -> Path:
-    """Returns the path of a model from a path, or from the name of a file in sim/models without
+    """Returns the path of a model. `text`: its path, or the name of a file in sim/models without
     suffix (fig4_19)."""
     path = Path(text)
     if path.suffix == ".toml" or path.parent != Path():
@@ -273,9 +273,9 @@ def find_model(text: str | Path) -> Path:
 
 
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
-    """Returns the values of overrides from texts NAME=VALUE as {name: number, or text of a quantity
-    or of another parameter}. Raises ParameterError for a text of another form, and for a name that
-    occurs with two values."""
+    """Returns {name: value} from texts NAME=VALUE. A value is a number, the text of a quantity with
+    a unit, or the name of another parameter. Raises ParameterError for a text of another form, and
+    for a name that occurs with two values."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -307,8 +307,8 @@ def override_texts(values: Overrides) -> list[str]:
 
 
 def states(texts: Sequence[str]) -> dict[str, str]:
-    """Returns the states of elements from texts ELEMENT=STATE as {element: state}. Raises
-    ParameterError for a text of another form."""
+    """Returns {element: state} from texts ELEMENT=STATE. Raises ParameterError for a text of
+    another form."""
     for text in texts:
         if not all(text.partition("=")):
             raise ParameterError(
@@ -334,20 +334,25 @@ def linearise(
     free: bool = False,
     drive: bool = True,
 ) -> System:
-    """Returns a model with given states of its elements as a System, from the equations that the
-    simulation integrates.
+    """Returns a model with given states of its elements as a System. The System has the equations
+    that the simulation integrates.
 
-    model: a path, or the stem of a file of sim/models. inputs: drive.command (V), drive.tach (V,
-    added to the tachometer), drive.force (N, between the body of the drive and its reaction body,
-    in addition to the force of the drive), BODY.force (N, from outside). outputs: any signal of the
-    model, reading (the input of ADC 0 in its own unit), adc0 and adc1 (8-bit counts), encoder
-    (counts). overrides: {parameter: value}. modes: {element: state}, with the names of events.csv,
-    such as {"drive.amplifier": "high outer", "rail": "stuck"}. free: contacts are open. drive:
-    False removes the drive; the input drive.command then means drive.force.
+    model: a path, or the file name without suffix in sim/models.
 
-    Elements that `modes` does not name are in their default state: contacts are pressed, frictions
-    slide, backlash is closed (see `working`), and every other element is in the middle of its
-    range.
+    inputs: drive.command (V), drive.tach (V, added to the tachometer voltage), drive.force (N,
+    between the body of the drive and its reaction body, in addition to the force of the drive),
+    BODY.force (N, from outside).
+
+    outputs: any signal of the model, reading (the input of ADC 0 in its own unit), adc0 and adc1
+    (8-bit counts), encoder (counts).
+
+    overrides: {parameter: value}. modes: {element: state}, with the names of events.csv, such as
+    {"drive.amplifier": "high outer", "rail": "stuck"}. free: True if contacts are open. drive:
+    False removes the drive. The input drive.command then means drive.force.
+
+    Elements that `modes` does not name are in their default state. By default, contacts are
+    pressed, frictions slide, and backlash is closed (see `working`). Every other element is in the
+    middle of its range.
 
     Raises InputError for a model, parameter, name or state that does not exist.
     """
@@ -360,7 +365,7 @@ def linearise(
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
-    """Raises InputError if `names`, the names for a parameter, contains one name twice."""
+    """Raises InputError if `names`, the names for `parameter`, contains a name twice."""
     if len(set(names)) < len(names):
         raise ParameterError(
             parameter, f"expected each name once, got {', '.join(names)}; remove repeated names"
@@ -368,15 +373,15 @@ def once(parameter: str, names: Sequence[str]) -> None:
 
 
 def check_export(path: str | Path | None) -> None:
-    """Raises InputError before the computation if the program cannot write matrices to a file with
-    this suffix."""
+    """Raises InputError if matrices cannot be written to a file with the suffix of `path`. A caller
+    checks this before the computation."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
         raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
 
 def export(system: System, path: str | Path) -> None:
-    """Writes A, B, C, D, dt (0 for a continuous system) and the names of inputs, outputs and states
-    to a file .npz or .mat."""
+    """Writes A, B, C, D, dt and the names of inputs, outputs and states to a file .npz or .mat. dt
+    is 0 for a continuous system."""
     dt, names = system.dt or 0.0, (system.states, system.inputs, system.outputs)
     if Path(path).suffix == ".mat":
         from scipy import io
@@ -394,8 +399,8 @@ def export(system: System, path: str | Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemResult:
-    """A System for the JSON output, with the states of the elements of the model (None if no
-    element has different states) and dt in s (None if the system is continuous)."""
+    """A System for the JSON output. It also has the states of the elements of the model, or None if
+    no element has different states. dt in s is None for a continuous system."""
 
     working: Working | None = json_field(inline=True)
     states: tuple[str, ...]

@@ -1,13 +1,15 @@
 """The default states of the elements with which a model is linearised. These are the states in
 which the axis works.
 
-A force law works while the axis presses and moves. In these states contacts are pressed, frictions
-slide, backlash is closed, and all other elements are in the middle of their range. The slider of
-a contact with hysteresis sticks, as it does in small motions about any point. Sliding friction
-is a constant force, so its size and direction do not change the linear equations; both flanks of a
-backlash give the same equations. A friction that the drive cannot overcome never slides and stays
-stuck. At rest all frictions stick, which is another combination of states. `linear.over` uses this
-combination as a further plant of a set if the command acts on the measured force.
+A force law works while the axis presses and moves. Contacts are then pressed, frictions slide,
+backlash is closed, and all other elements are in the middle of their range. The slider of a contact
+with hysteresis sticks, as it does in small motions about any point.
+
+Sliding friction is a constant force, so its size and direction do not change the linear equations.
+Both flanks of a backlash give the same equations. A friction that the drive cannot overcome never
+slides, and stays stuck. At rest all frictions stick, which is another combination of states. If the
+command then acts on the measured force, `linear.over` uses this combination as a further plant of a
+set.
 """
 
 import math
@@ -33,14 +35,14 @@ SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
 States = Mapping[str, str]  # {element: state}
 Stamp = tuple[int, int]  # version of a file: (time of the last change in ns, size in bytes)
-Used = tuple[tuple[str, float | str], ...]  # (parameter, value) pairs
+Used = tuple[tuple[str, float | str], ...]  # pairs (parameter, value)
 
 
 @dataclass(frozen=True)
 class Friction:
-    """An element [[friction]] of a model: name, two ends, sliding force and breakaway force in N.
-    `parameters`: names of the parameters that define these two forces. A parameter name is None if
-    the file states the force as a number."""
+    """An element [[friction]] of a model: its name, its two ends, and its sliding force and
+    breakaway force in N. `parameters`: names of the parameters that define these two forces. A name
+    is None if the file states the force as a number."""
 
     name: str
     between: tuple[str, str]
@@ -52,16 +54,16 @@ class Friction:
 @dataclass(frozen=True)
 class Working:
     """The states of the elements with which a model is linearised. `modes`: {element: state}, given
-    or chosen; `text`: the chosen states as one text line for a user, or "" if no element has
-    different states and no state was given."""
+    by the caller or chosen. `text`: the chosen states as one text line for a user. It is "" if no
+    element has different states and no state was given."""
 
     modes: dict[str, str] = json_field(key="mode")
     text: str = json_field(key="mode_text", default="")
 
     @property
     def shown(self) -> "Working | None":
-        """Returns the states of the elements for the JSON output. None if no element of the model
-        has different states."""
+        """Returns this object for the JSON output, or None if no element of the model has different
+        states."""
         return self if self.text else None
 
 
@@ -85,8 +87,8 @@ class _Elements(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _elements(path: str, stamp: Stamp) -> _Elements:
-    """Returns the elements of a model file. The argument `stamp`, the time and size of the file, is
-    part of the key of the cache."""
+    """Returns the elements of a model file. `stamp`: time and size of the file, which are part of
+    the key of the cache."""
     table = toml.read(path)
     frictions = (
         _FrictionRow(
@@ -111,17 +113,17 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_elements(path: str | Path) -> _Elements:
-    # A missing model file is reported later by the function that reads models.
+    # The function that reads models reports a missing model file later.
     if not Path(path).is_file():
         return _Elements()
     return _elements(str(path), _stamp(path))
 
 
 def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]]) -> float | None:
-    """Returns the value of a number, quantity or parameter in a model file. Returns None for a
-    value of another type.
+    """Returns the SI value of an entry in a model file: a number, a quantity with a unit, or the
+    name of a parameter. Returns None for an entry of another type.
 
-    parameters: as facts has them.
+    parameters: {name: (SI value, unit)}, as in facts().
     """
     if isinstance(given, str) and given[:1].isidentifier():
         return parameters.get(given, (None,))[0]
@@ -131,8 +133,8 @@ def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]
 
 
 def frictions(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """Returns the friction elements of the model at `path` with the parameters {parameter: value},
-    in the order of the file."""
+    """Returns the friction elements of the model at `path`, in the order of the file. `overrides`:
+    {parameter: value}."""
     if not _own_elements(path).frictions:
         return ()
     return _frictions(path, plant_facts.read(str(path), overrides).parameters)
@@ -163,8 +165,8 @@ def sliders(path: str | Path) -> tuple[str, ...]:
 
 
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """Returns the friction elements that the drive cannot overcome. The force of the drive that
-    arrives at such an element is below the breakaway force."""
+    """Returns the friction elements that the drive cannot overcome. At such an element, the force
+    that arrives from the drive is below the breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -174,10 +176,10 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """Returns, for each friction of the model, the largest force in N with which the drive can load
-    this friction while the friction sticks. The DAC is at full scale, the drive is within its
-    limits, all other frictions slide and contacts are pressed. The result is empty for a model
-    without a drive."""
+    """Returns {friction: force in N}. The force is the largest one with which the drive can load
+    this friction while it sticks. The DAC is then at full scale, the drive is within its limits,
+    all other frictions slide, and contacts are pressed. The result is empty for a model without a
+    drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -220,8 +222,8 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
 
 @lru_cache(maxsize=512)
 def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """Returns the default states of friction and backlash elements. `stamp`, `used`: version of
-    the file and the values that the computation uses; both arguments are part of the key of the
+    """Returns the default states of friction and backlash elements. `stamp` is the version of the
+    file, and `used` are the values that the computation uses. Both are part of the key of the
     cache."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
@@ -234,10 +236,10 @@ def working(
     modes: States | None = None,
     free: bool = False,
 ) -> Working:
-    """Returns the states of the elements with which the model at `path` is linearised. States that
-    are given in `modes` are kept.
+    """Returns the states of the elements with which the model at `path` is linearised. States in
+    `modes` are kept.
 
-    free: contacts are open. Raises InputError for a file that is not a model.
+    free: True if contacts are open. Raises InputError for a file that is not a model.
     """
     named = dict(modes or {})
     if not any(_own_elements(path)):
@@ -257,9 +259,9 @@ def working(
 def friction_states(
     path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """Returns the possible states of each friction of the model as ((name, state), ...): sliding
-    and stuck, or only stuck if the drive cannot overcome the friction. Both directions of sliding
-    give the same linear system, so the result contains one direction."""
+    """Returns the possible states of each friction of the model as ((name, state), ...). They are
+    sliding and stuck, or only stuck if the drive cannot overcome the friction. Both directions of
+    sliding give the same linear system, so only one of them is returned."""
     stuck = {one.name for one in held(path, overrides)}
     own = frictions(path, overrides)
     return [
@@ -271,9 +273,9 @@ def friction_states(
 def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
-    """Returns, for each element that switches, the states that can last and that differ as linear
-    systems, each as {switch: state}. `switches`: as in facts(). A backlash or a stop with two ends
-    has at most one closed end. Both flanks of a backlash give the same system."""
+    """Returns, for each element that switches, those states that can last and that differ as linear
+    systems. Each state is {switch: state}. `switches`: as in facts(). A backlash or a stop with two
+    ends has at most one closed end. Both flanks of a backlash give the same system."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
     done = {name for states in found for one in states for name in one}
     plays = backlashes(path)
@@ -315,9 +317,10 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """Returns the end of an error text that names the element that interrupts the signal path with
-    the states `taken`, and the remedy. The text is empty if no single element interrupts the path.
-    The function has_path(modes) returns True if the path exists with the states `modes`."""
+    """Returns the end of an error text about the element that interrupts the signal path with the
+    states `taken`. The text names this element and the remedy. It is empty if no single element
+    interrupts the path. `has_path(modes)`: function that returns True if the path exists with the
+    states `modes`."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (
