@@ -1,10 +1,11 @@
 """Compares recordings of a real machine with the predictions of an experiment.
 
-Measured and predicted signals are aligned at the first contact. Each figure of the measured contact
-is compared with a band around the predicted one. The bands contain the noise of the recording, the
-resolution of the samples, and the uncertainty of the parameters: the experiment is run for several
-values of the parameters and seeds of the noise. All bands of a recording together hold 95 % of the
-recordings of a machine that is as the model says.
+Measured and predicted signals are aligned at the first contact. A figure is a number about a
+contact, such as its peak force. Each measured figure is compared with a band around the predicted
+one. The experiment is run for several values of the parameters and several seeds of the noise. So a
+band contains the uncertainty of the parameters, the noise of the recording, and the resolution of
+its samples. If the machine is as the model says, all bands of a recording together hold 95 % of the
+recordings.
 """
 
 import statistics
@@ -36,22 +37,22 @@ from forceaxis.recordings.touch import (
     touch_of,
 )
 
-# probability with which all bands of a recording together contain the measured values
+# Probability with which all bands of a recording together contain the measured values.
 CONFIDENCE = 0.95
-SAMPLES = (8, 2000)  # fewest and most runs
-BEFORE_S = 0.05  # time in s before the first contact from which signals are compared and drawn
+SAMPLES = (8, 2000)  # smallest and largest number of runs
+BEFORE_S = 0.05  # signals are compared and drawn from this time in s before the first contact
 LEAST_SPAN_S = 0.02
-AFTER_S = 0.05  # time in s by which a run lasts longer than the comparison
+AFTER_S = 0.05  # each run lasts longer than the comparison by this time in s
 POINT_BAND = 1.96  # half width of the band of a single sample, in standard deviations
-SAME_TICKS = 2  # largest distance in ticks of two first contacts that are treated as simultaneous
-LEAST_SHARE = 0.5  # smallest share of the runs that must have a figure if a comparison expects it
+SAME_TICKS = 2  # two first contacts with at most this distance in ticks are simultaneous
+LEAST_SHARE = 0.5  # a figure is expected if at least this share of the runs has it
 
 
 @dataclass(frozen=True)
 class ComparedFigure:
-    """One figure of a contact, such as its peak force: the measured value, the median of the
+    """One figure of a contact, such as its peak force. It has the measured value, the median of the
     predicted values, and the band in which the measured value is expected. None means that the
-    contact has no such figure."""
+    contact has no such value."""
 
     figure: str
     unit: str
@@ -66,28 +67,28 @@ class ComparedFigure:
 class RecordingComparison:
     """The comparison of one recording with an experiment."""
 
-    recording: str  # file
+    recording: str  # file name of the recording
     title: str
     experiment: str
     agrees: bool  # True if all figures are within their bands
-    input: str  # signal of the recording that is the input of the runs, or "law"
+    input: str  # signal of the recording that feeds the runs, or "law"
     touch_s: float  # time of the first contact in the recording, in s
     gap_m: float | None  # gap of the model in m with which a run makes contact at this time
-    # measured force in N before the first contact, which is subtracted from all forces
+    # mean of the measured force in N before the first contact; it is subtracted from all forces
     zero_N: float
-    noise_N: float  # standard deviation of the noise
+    noise_N: float  # standard deviation in N of the noise of the measured force
     runs: int
     span_s: float  # time in s after the first contact up to which signals are compared
     figures: tuple[ComparedFigure, ...]
-    # {signal: share of its samples that are within the band of a single sample}
+    # {signal: share of its samples that are within the band for a single sample}
     inside: dict[str, float]
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class ComparedSignal:
-    """A signal over the time from the first contact in s, (n,): measured, predicted, and the band
-    of a single sample."""
+    """A signal over the time in s from the first contact, with n values. It has the measured
+    values, the predicted values, and the band for a single sample."""
 
     name: str
     unit: str
@@ -106,7 +107,7 @@ class ComparedSignal:
 
 @dataclass(frozen=True)
 class ComparedRecording:
-    """The result of a comparison, and the signals for its picture."""
+    """The result of a comparison, and the signals for its plot."""
 
     result: RecordingComparison
     signals: tuple[ComparedSignal, ...]
@@ -114,15 +115,15 @@ class ComparedRecording:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A figure of a contact before its band is computed: the values of all runs, and the resolution
-    with which the samples determine the figure."""
+    """A figure of a contact before its band is computed. `runs`: values of all runs. `resolution`:
+    error of the figure because of the finite number of samples."""
 
     figure: str
     unit: str
     measured: float | None
     runs: Sequence[float | None]
     resolution: float = 0.0
-    has_low: bool = True  # False: a small value is no difference
+    has_low: bool = True  # False if a small value is not a difference
 
 
 @dataclass
@@ -137,16 +138,16 @@ class _Measured:
     gap_m: float | None = None
 
 
-# A simulated run, and the time in s from its tick 0 to its first contact.
+# (columns of a simulated run, time in s from tick 0 of the run to its first contact)
 _Run = tuple[Columns, float]
 
 
 def compare(
     request: PredictionRequest, file: Path, span_s: float | None = None
 ) -> ComparedRecording:
-    """Compares one recording with an experiment, up to `span_s` in s after the first contact (None:
-    as far as the recording and the runs last). Raises InputError, ParameterError,
-    SimulationError."""
+    """Compares one recording with an experiment, up to the time `span_s` in s after the first
+    contact. None compares up to the end of the recording or of the runs. Raises InputError,
+    ParameterError, SimulationError."""
     if not SAMPLES[0] <= request.samples <= SAMPLES[1]:
         raise ParameterError("samples", f"expected {SAMPLES[0]} to {SAMPLES[1]} runs")
     if span_s is not None and not span_s >= LEAST_SPAN_S:
@@ -176,12 +177,13 @@ def compare(
 
 
 def _runs(measured: _Measured) -> list[_Run]:
-    """Returns the runs with the parameters sampled at random. Raises InputError if a run does not
-    make contact."""
+    """Returns runs with random values of the parameters. Raises InputError if no run makes
+    contact."""
     predictor, request = measured.predictor, measured.predictor.request
     nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
-        # The recorded set-points act at the same times, counted from the first contact.
+        # The recorded set-points act at the same times as on the machine, from the first contact
+        # on.
         found = predictor.touch_s(nominal, measured.level)
         if found is not None:
             predictor.setpoint_shift_s = found - measured.touch_s
@@ -225,8 +227,8 @@ def _runs(measured: _Measured) -> list[_Run]:
 
 
 def _grid(measured: _Measured, runs: Sequence[_Run], lasts_s: float) -> Floats:
-    """Returns the times in s from the first contact at which signals are compared: the times of the
-    recorded samples, or the times of the ticks if the recording is faster."""
+    """Returns the times in s from the first contact at which signals are compared. They are the
+    times of the recorded samples, or the ticks if the recording has more than one sample a tick."""
     force = measured.predictor.recording["force"]
     time_s = force.true_time_s - measured.touch_s
     if float(np.median(np.diff(time_s))) < 0.999 * TICK_S:
@@ -254,7 +256,7 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
             series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
             own = ForceLevel(0.0, level.noise, level.contact)
             figures = _contact_figures(grid, values, series, own, quantum) + figures
-        elif name == "position":  # the position zero of the machine differs from that of the model
+        elif name == "position":  # the position zero of the machine is not that of the model
             values = values - np.interp(0.0, grid, values)
             # The instant of the first contact, at which both times are 0, is uncertain by half a
             # sample.
@@ -279,7 +281,8 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
 
 
 def _series(model: SignalModel, runs: Sequence[_Run], grid: Floats) -> Floats:
-    """Returns a signal of all runs at the times `grid` from the first contact, (runs, n)."""
+    """Returns one signal of all runs at the times `grid` from the first contact, as an array
+    (runs, n)."""
     rows = []
     for columns, begins_s in runs:
         values = model.of(columns)
@@ -292,8 +295,8 @@ def _series(model: SignalModel, runs: Sequence[_Run], grid: Floats) -> Floats:
 
 
 def _missing_noise(series: Floats, grid: Floats, level: ForceLevel) -> float:
-    """Returns the standard deviation of the noise that the recording has and the runs do not have,
-    by the samples before the first contact."""
+    """Returns the standard deviation of that part of the recorded noise that the runs do not have.
+    It is computed from the samples before the first contact."""
     before = series[:, grid < -2 * TICK_S]
     own = float(before.std(axis=1).mean()) if before.shape[1] > 4 else 0.0
     return float(np.sqrt(max(0.0, level.noise**2 - own**2)))
@@ -302,7 +305,7 @@ def _missing_noise(series: Floats, grid: Floats, level: ForceLevel) -> float:
 def _contact_figures(
     grid: Floats, force: Floats, series: Floats, level: ForceLevel, quantum: float
 ) -> list[_Figure]:
-    """Returns the figures of the contact force, measured and of all runs."""
+    """Returns the figures of the contact force: the measured values, and the values of all runs."""
     own = figures_of(grid, force, level)
     runs = [figures_of(grid, one, level) for one in series]
     period_s = float(np.median(np.diff(grid)))
@@ -334,7 +337,7 @@ def _contact_figures(
 
 
 def _residual(signal: ComparedSignal, series: Floats, floor: float) -> _Figure:
-    """Returns the rms difference of a signal from the median of the runs after the first
+    """Returns the rms difference between a signal and the median of the runs, after the first
     contact."""
     after = signal.time_s >= 0
 
@@ -351,9 +354,9 @@ def _share(values: Sequence[float | None]) -> float:
 
 
 def _with_bands(figures: Sequence[_Figure]) -> tuple[ComparedFigure, ...]:
-    """Returns the figures with bands that contain all measured values together with the probability
-    CONFIDENCE. A band is the range of all runs, or as many standard deviations as a normal
-    distribution needs, plus the resolution."""
+    """Returns the figures with their bands. The bands contain all measured values together with the
+    probability CONFIDENCE. A band is the range of all runs, or as many standard deviations as a
+    normal distribution needs, whichever is wider. The resolution is added to it."""
     tail = (1 - CONFIDENCE) / (2 * len(figures))
     deviations = statistics.NormalDist().inv_cdf(1 - tail)
     return tuple(_with_band(figure, deviations) for figure in figures)
@@ -372,7 +375,7 @@ def _with_band(figure: _Figure, deviations: float) -> ComparedFigure:
     width = deviations * float(known.std())
     low = min(float(known.min()), middle - width) - figure.resolution
     high = max(float(known.max()), middle + width) + figure.resolution
-    low = max(low, 0.0) if figure.unit in ("s", "") else low  # times and numbers
+    low = max(low, 0.0) if figure.unit in ("s", "") else low  # times and counts
     low = low if figure.has_low else 0.0
     is_missing = figure.measured is None
     agrees = _share(figure.runs) < 1 if is_missing else low <= (figure.measured or 0.0) <= high

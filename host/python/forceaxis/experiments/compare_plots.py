@@ -1,4 +1,4 @@
-"""Pictures and files of comparisons of recordings with predictions."""
+"""Plots and files of comparisons of recordings with predictions."""
 
 import json
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from forceaxis.experiments.compare import ComparedRecording, ComparedSignal
 from forceaxis.results import to_json
 
 RESULT = "comparison.json"
-MM = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3)}  # units of pictures
+MM = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3)}  # {unit: (unit in plots, factor)}
 
 
 def figure(compared: ComparedRecording) -> Figure:
-    """Returns the picture of a comparison: each signal as measured and as predicted with the band
-    of a sample, and below it the difference."""
+    """Returns the plot of a comparison. It shows each signal as measured and as predicted, with the
+    band for a single sample, and below it the difference."""
     signals = compared.signals
     made, rows = plt.subplots(
         2 * len(signals), 1, sharex=True, squeeze=False, layout="constrained",
@@ -62,8 +62,9 @@ def _draw(above: Axes, below: Axes, signal: ComparedSignal) -> None:
 
 
 def write(compared: Sequence[ComparedRecording], folder: Path) -> None:
-    """Writes the results of comparisons as comparison.json, and each with its picture (.png, .svg)
-    and its signals (.npz), to `folder`. Writes either all files or none. Raises OSError."""
+    """Writes the results of all comparisons to comparison.json in `folder`. For each comparison,
+    also writes a plot (.png, .svg) and the signals (.npz). Writes either all files or none. Raises
+    OSError."""
     stems = _stems(compared)
     names = [f"{stem}{end}" for stem in stems for end in (".png", ".svg", ".npz")]
     with paths.replacing(folder, RESULT, *names) as (result, *files):
@@ -79,7 +80,7 @@ def write(compared: Sequence[ComparedRecording], folder: Path) -> None:
 
 
 def _stems(compared: Sequence[ComparedRecording]) -> list[str]:
-    """Returns a name for the files of each recording."""
+    """Returns the file name without suffix for the files of each recording."""
     stems = [Path(one.result.recording).stem for one in compared]
     return [f"{s}_{i + 1}" if stems.count(s) > 1 else s for i, s in enumerate(stems)]
 

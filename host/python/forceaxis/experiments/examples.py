@@ -1,5 +1,5 @@
-"""Copies the files that come with the package, so that a user can read and change them: models,
-experiments, cycles, example programs, images of the firmware."""
+"""Copies the files that come with the package, so that a user can read and change them. They are
+models, experiments, cycles, example programs and images of the firmware."""
 
 import shutil
 import tempfile
@@ -9,7 +9,7 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis._core import InputError
 
-# Patterns of the files, relative to paths.ROOT, and a description of each.
+# {pattern of file paths, relative to paths.ROOT: description of these files}
 FILES = {
     "sim/*/*.toml": "models, experiments, cycles, parts, measurements",
     "sim/*/*.json": "records of the thesis",
@@ -25,17 +25,16 @@ FILES = {
 
 @dataclass(frozen=True)
 class CopiedExamples:
-    """The copied examples: the folder, and the number of files in each of its
-    folders."""
+    """The copied examples: the target folder, and the number of files in each of its folders."""
 
     folder: str
     files: dict[str, int]
 
 
 def copy(folder: Path) -> CopiedExamples:
-    """Copies the files into a folder, which need not exist, with the paths that they have in a
-    checkout. Raises InputError if the folder already has a file or folder of one of the names, and
-    OSError. In both cases the folder is unchanged."""
+    """Copies the files into a folder, with the paths that they have in a checkout. The folder need
+    not exist. Raises InputError if the folder already contains a file or folder with one of these
+    names, and OSError. In both cases the folder is unchanged."""
     names = sorted({pattern.split("/")[0] for pattern in FILES})
     for name in names:
         if (folder / name).exists():

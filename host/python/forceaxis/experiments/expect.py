@@ -1,4 +1,5 @@
-"""The table [expect] of an experiment: reads the table and compares the expected values with a run.
+"""The table [expect] of an experiment. Reads the table, and compares the expected values with a
+run.
 
 FORMAT defines the keys of the table; docs/guide/reference/experiment.md is generated from FORMAT.
 """
@@ -27,14 +28,14 @@ LARGEST_NUMBER = 1e18
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest permitted difference from an expected number: `tolerance` in the unit of the number,
-    or `relative` as a fraction of the magnitude of the number."""
+    """Largest permitted difference from an expected number. `tolerance` is in the unit of the
+    number, and `relative` is a fraction of the magnitude of the number."""
 
     tolerance: float = 0.0
     relative: float = 0.0
 
     def of(self, value: float) -> float:
-        """Returns the tolerance of a value in the unit of the value."""
+        """Returns the tolerance of a value, in the unit of this value."""
         return self.tolerance + self.relative * abs(value)
 
 
@@ -67,7 +68,7 @@ class ResultKey(FormatKey):
 
 @dataclass(frozen=True)
 class FormatTable:
-    """Description of a table of an experiment and of the table's keys, for docs/guide/reference."""
+    """Description of a table of an experiment and of its keys, for docs/guide/reference."""
 
     path: str
     header: str
@@ -262,8 +263,8 @@ KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 @dataclass(frozen=True)
 class Number:
-    """An expected range low .. high of a number. `value` is None if the table gives only a
-    limit."""
+    """An expected number: its range low .. high. `value` is None if the table gives only limits of
+    the number."""
 
     low: float
     high: float
@@ -285,8 +286,8 @@ class Number:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """The keys of an expected number that [expect] gives as a table. None means that the table does
-    not have the key."""
+    """The keys of an expected number that [expect] gives as a table. A field is None if the table
+    does not have the key."""
 
     value: float | None = None
     tolerance: float | None = None
@@ -296,35 +297,36 @@ class NumberTable:
 
 
 Expected: TypeAlias = str | Number
-# value of the run that is compared; None if the run does not have this value
+# Value of the run that is compared. None if the run does not have this value.
 Obtained: TypeAlias = str | float | None
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """A checked table [expect]: the expected values, and the evaluation of `signal`."""
+    """A checked table [expect]: the expected values, and how `signal` is evaluated."""
 
-    wanted: dict[str, Expected]  # key -> expected value
-    # name of a column of the trace; None: force of the first contact, or else the encoder
+    wanted: dict[str, Expected]  # {key of [expect]: expected value}
+    # column of the trace; None: force of the first contact, or the encoder without a contact
     signal: str | None
     from_s: float
-    # duration in s of the mean at the end; None selects a tenth of the time after from_s
+    # duration in s over which the final value is averaged; None: a tenth of the time after from_s
     final_s: float | None
-    band: float  # half of the settling band
-    # True: the band is in the unit of `signal`; False: the band is a fraction of the step
+    band: float  # half of the width of the settling band
+    # True if the settling band is in the unit of `signal`; False if it is a fraction of the step
     band_is_absolute: bool
     recordings: tuple[Path, ...] = ()  # recordings of the real machine
-    recording_over: tuple[str, ...] = ()  # uncertainty of parameters for their bands
+    # uncertainty of parameters for the bands of the recordings
+    recording_over: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run by the keys of [expect], and the settings for the computation of these
-    results."""
+    """The values of a run for the keys of [expect], and the settings with which they were
+    computed."""
 
     values: dict[str, Obtained]
-    signal: str  # column of the trace
-    from_s: float  # start of the evaluation
+    signal: str  # evaluated column of the trace
+    from_s: float  # time in s at which the evaluation starts
     final_s: float  # duration in s of the mean at the end of the run
     final: float  # final value of `signal`
     # half width of the settling band, which extends from final - width to final + width
@@ -333,14 +335,14 @@ class Measured:
 
 @dataclass(frozen=True)
 class ExpectationCheck:
-    """An expected value, and the value that the run has given."""
+    """An expected value of [expect], and the value of the run."""
 
     key: str
     expected: Expected
     obtained: Obtained
-    unit: str = ""  # unit of a number
+    unit: str = ""  # unit of the obtained number
     why: str = ""  # reason for the verdict of the run
-    agrees: bool | None = None  # text for a figure of a recording that is missing
+    agrees: bool | None = None  # for a figure of a recording: True if it agrees
 
     @property
     def passed(self) -> bool:
@@ -366,7 +368,7 @@ class ExpectationCheck:
 
     @property
     def difference(self) -> str:
-        """Returns text about the difference of the obtained value from the expected value or
+        """Returns a text about the difference of the obtained value from the expected value or
         limit."""
         if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
             return self.why
@@ -400,19 +402,19 @@ class Examined:
 
 
 def shown(value: Expected | Obtained) -> str:
-    """Returns a number as text with six digits. A long text is shortened."""
+    """Returns a value as text. A number has six digits, and a long text is shortened."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
 
 
 class Reader:
-    """Checks the keys of one table [expect]. Error messages contain the name of the file `file`."""
+    """Checks the keys of one table [expect]. Error messages contain the file name `file`."""
 
     def __init__(self, file: str | Path) -> None:
         self.file = file
 
     def fail(self, key: str, message: str) -> NoReturn:
-        """Raises InputError with the file and the key."""
+        """Raises InputError with the file, the key `key` and the text `message`."""
         raise InputError(f"{self.file}: expect{key and '.'}{key}: {message}")
 
     def number(self, key: str, value: TomlValue, low: float = -LARGEST_NUMBER) -> float:
@@ -457,7 +459,7 @@ class Reader:
         return Number.around(expected, TOLERANCES[key])
 
     def limits(self, key: str, given: NumberTable, low: float) -> Number:
-        """Returns the Number from the keys `min` and `max`."""
+        """Returns the Number that the keys `min` and `max` define."""
         if (given.value, given.tolerance, given.relative) != (None, None, None):
             self.fail(
                 key, "expected either min and max, or value with tolerance, got keys of both kinds"
@@ -478,7 +480,7 @@ class Reader:
 
 
 def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation:
-    """Returns the Expectation of a table [expect]. `has_verdict` is True if the experiment has a
+    """Returns the Expectation for a table [expect]. `has_verdict`: True if the experiment has a
     table [verdict]. Raises InputError."""
     reader = Reader(file)
     toml.expect_keys(table, KEYS, reader.fail)
@@ -510,7 +512,7 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
 
 
 def _texts(reader: Reader, table: ExpectTable, key: str) -> tuple[str, ...]:
-    """Returns the texts of a key, which is a text or a list of texts. Raises InputError."""
+    """Returns the texts of a key whose value is a text or a list of texts. Raises InputError."""
     if key not in table:
         return ()
     texts = table[key] if isinstance(table[key], list) else [table[key]]
@@ -520,7 +522,7 @@ def _texts(reader: Reader, table: ExpectTable, key: str) -> tuple[str, ...]:
 
 
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
-    """Checks the keys whose values are texts. `has_verdict` is True if the experiment has a table
+    """Checks the keys whose values are texts. `has_verdict`: True if the experiment has a table
     [verdict]. Raises InputError."""
     for row in RESULTS:
         given = table.get(row.key)
@@ -540,8 +542,8 @@ def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
 
 
 def measure(done: runs.Run, expect: Expectation) -> Measured:
-    """Returns the results of a run by the definitions in FORMAT. Raises InputError if [expect] does
-    not apply to the run."""
+    """Returns the values of a run, as FORMAT defines them. Raises InputError if [expect] does not
+    apply to the run."""
     reader, result, contacts = Reader(done.experiment), done.result, done.contacts
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
@@ -625,11 +627,11 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
 def recording_checks(
     file: Path, expect: Expectation, overrides: Sequence[str] = ()
 ) -> list[ExpectationCheck]:
-    """Returns a check for each figure of the recordings of [expect]. Raises InputError,
+    """Returns one check for each figure of the recordings in [expect]. Raises InputError,
     SimulationError."""
     if not expect.recordings:
         return []
-    # These modules load much that a test without recordings does not need.
+    # These modules load much code that a test without recordings does not need.
     from forceaxis.experiments import compare
     from forceaxis.experiments.prediction import PredictionRequest
 
@@ -655,8 +657,8 @@ CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc
 
 
 def unit_of(key: str, signal: str, done: runs.Run) -> str:
-    """Returns the unit of the number with this key of [expect]. The key final_value has the unit of
-    `signal`."""
+    """Returns the unit of the number for the key `key` of [expect]. The key final_value has the
+    unit of `signal`."""
     if key != "final_value":
         return RESULT[key].unit
     if signal in done.units:
@@ -665,13 +667,14 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
 
 
 def why(key: str, result: RunResult) -> str:
-    """Returns the reason for the verdict of a run if the key is "verdict"; otherwise an empty
-    text."""
+    """Returns the reason for the verdict of a run if `key` is "verdict". Returns an empty text for
+    another key."""
     return ", ".join(result.because) if key == "verdict" else ""
 
 
 def table(checks: Sequence[ExpectationCheck]) -> str:
-    """Returns the expected and obtained values as text, one row for each key."""
+    """Returns a table with the expected and obtained values as text. It has one row for each
+    key."""
     rows = [("", "expected", "obtained", "")]
     for c in checks:
         differs = (

@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 
 __all__ = ["Event", "Experiment", "Result"]
 
-# tables of an experiment file as a mapping from key to value
+# Tables of an experiment file as {key: value}.
 TomlTables: TypeAlias = Mapping[str, "toml.Writable"]
 # A value of a parameter or object: a number, a text with a unit, or a NumPy scalar.
 Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
 IN_MEMORY = "(in memory)"
-# {quantity: column of the codes that represent the quantity}.
+# {quantity of a Result: column of the trace with the codes of this quantity}
 QUANTITIES = {"position": "encoder", "force": "adc0", "command": "dac"}
 OF_EXPERIMENT = ("duration_s", "seed")
 
 
 class Event(NamedTuple):
-    """A change of state of one element of the model, such as first contact, contact loss, sliding.
-    The simulator locates the time of the change between two ticks."""
+    """A change of state of one element of the model, such as first contact, contact loss or
+    sliding. The simulator locates the time of the change between two ticks."""
 
     time_s: float  #: time since the start of the run in s
     element: str  #: name of the element in the model
@@ -54,7 +54,7 @@ class Event(NamedTuple):
 
 
 class Experiment:
-    """An experiment: a plant, values of firmware objects, events in time, and conditions of a
+    """An experiment: a plant, values of firmware objects, events in time, and the conditions of a
     verdict.
 
     docs/guide/reference/experiment.md describes the file of an experiment. The method run()
@@ -64,8 +64,8 @@ class Experiment:
     def __init__(self, source: str | TomlTables, folder: str | Path = ".") -> None:
         """Creates an experiment from TOML text, or from a dict with the same tables.
 
-        The path of the model in this text is relative to `folder`. Values of the dict may be NumPy
-        scalars and arrays. Raises InputError with the key and the expected value.
+        The path of the model in these tables is relative to `folder`. Values of the dict may be
+        NumPy scalars and arrays. Raises InputError with the key and the expected value.
         """
         text = source if isinstance(source, str) else _toml_of(source)
         self._set(Path(folder) / IN_MEMORY, text)
@@ -89,22 +89,22 @@ class Experiment:
         found = read_inputs(file, text=text)
         self.title: str = found.title
         self.model = found.model
-        #: Value in SI units and name of this unit for each parameter of the model.
-        #: The table [set] of the experiment has precedence over the model.
+        #: {parameter of the model: (value in SI units, name of this unit)}.
+        #: The table [set] of the experiment takes precedence over the model.
         self.parameters: dict[str, ParameterFacts] = found.parameters
         #: Values of the firmware objects that the experiment writes before the first tick.
-        #: Each value is in the unit of the object.
+        #: Each value is in the unit of its object.
         self.firmware: dict[str, float] = found.firmware
 
     def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:
         """Simulates the experiment with changed values, and returns a Result.
 
         A keyword is the name of a firmware object, the name of a parameter of the model,
-        `duration_s` (in s) or `seed`. `overrides` contains full names: "m_r",
+        `duration_s` (in s) or `seed`. The keys of `overrides` are full names: "m_r",
         "firmware.force_gain", "experiment.duration_s", "verdict.window_s". A value is a number in
         the unit of its parameter or object, a NumPy scalar, True or False, or a text with a unit
-        such as "75 N". Raises InputError for an unknown name and for a value that is not in the
-        range of its parameter or object, SimulationError if the plant cannot be simulated.
+        such as "75 N". Raises InputError for an unknown name, and for a value outside of the range
+        of its parameter or object. Raises SimulationError if the plant cannot be simulated.
         """
         given = {str(name): value for name, value in (overrides or {}).items()}
         for name, value in self._full_names(values).items():
@@ -118,8 +118,8 @@ class Experiment:
         return Result(runs.run(self._file, texts, text=self._text))
 
     def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Returns the values by the full names of parameters and objects. Raises InputError with
-        all unknown names."""
+        """Returns {full name of a parameter or object: value}. Raises InputError with all unknown
+        names."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
         def fail(name: str, message: str) -> NoReturn:
@@ -149,11 +149,11 @@ class Experiment:
 
 
 class Result:
-    """A finished run: verdict, results, and the trace as arrays (n,) with one value for each of the
-    n ticks.
+    """A finished run: verdict, results, and the trace. The trace consists of arrays (n,) with one
+    value for each of the n ticks.
 
     result["force"] (N), result["position"] (m) and result["command"] (V) are the measured force,
-    the measured position and the output voltage. Each column of the trace has a name of its own,
+    the measured position and the output voltage. Other names are those of the columns of the trace,
     such as "sensor.force" (N) or "adc0" (ADC code). `units` contains the unit of each name.
     """
 
@@ -162,7 +162,7 @@ class Result:
         self._run = run
         #: Result in the form that the command `forceaxis run` prints in JSON.
         self.summary: JsonObject = run.summary
-        #: Time of each tick since the start of the run in s, (n,).
+        #: Time of each tick since the start of the run in s, as an array (n,).
         self.time_s: Array = run.time_s
         #: {name: unit} of everything that result[name] accepts.
         self.units: dict[str, str] = self._units()
@@ -233,14 +233,14 @@ class Result:
 
     @property
     def overshoot_percent(self) -> float | None:
-        """Largest excess of the measured force over the set-point, in per cent of the set-point (0
-        or more). None means that the experiment controls no force."""
+        """Largest excess of the measured force over the set-point, in per cent of the set-point, at
+        least 0. None means that the experiment controls no force."""
         return self._held.overshoot_percent if self._held else None
 
     @property
     def settling_s(self) -> float | None:
-        """Settling time in s. The time begins at the last change of the set-point, or at a later
-        first contact, and ends when the force stays within 5 % of the set-point.
+        """Settling time in s. It starts at the last change of the set-point, or at a later first
+        contact. It ends when the force stays within 5 % of held_force_N.
 
         None means that the force does not settle, or that the experiment controls no force.
         """
@@ -254,8 +254,8 @@ class Result:
 
     @property
     def trace_hash(self) -> str:
-        """SHA-256 of all codes in all ticks, 64 hexadecimal digits. Equal hashes mean equal
-        codes."""
+        """SHA-256 of all codes in all ticks, as 64 hexadecimal digits. Runs with equal codes have
+        equal hashes."""
         return self._run.result.trace_hash
 
     def __getitem__(self, name: str) -> Array:
@@ -281,11 +281,11 @@ class Result:
         return name in self.units
 
     def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:
-        """Draws the run as a Matplotlib figure, and writes the figure to `path` (.png, .svg, .pdf)
-        if a path is given.
+        """Draws the run as a Matplotlib figure. If a path is given, also writes the figure to this
+        path (.png, .svg, .pdf).
 
-        codes: shows the codes of the converters instead of N, mm and V. Raises OSError if the file
-        cannot be written.
+        codes: True to show the codes of the converters instead of N, mm and V. Raises OSError if
+        the file cannot be written.
         """
         from forceaxis import drawing
         from forceaxis.experiments import trace

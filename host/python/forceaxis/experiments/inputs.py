@@ -9,23 +9,23 @@ from forceaxis import _core
 from forceaxis.experiments.run_result import Converters, Criterion, read_converters
 from forceaxis.linear.plant_facts import ParameterFacts
 
-# table [expect] of an experiment file before the check of its keys and values
+# The table [expect] of an experiment file, before its keys and values are checked.
 ExpectTable: TypeAlias = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The inputs of an experiment after the overrides."""
+    """The inputs of an experiment, with all overrides."""
 
     title: str
     model: Path
-    contacts: list[str]  # their names
+    contacts: list[str]  # names of the contacts of the model
     converters: Converters
     firmware: dict[str, float]  # {firmware object: value that is written before the first tick}
     expect: ExpectTable | None
     inputs_hash: str
     criterion: Criterion | None  # the table [verdict]
-    # reason why the table [verdict] cannot be evaluated; None if [verdict] can be evaluated
+    # reason why the table [verdict] cannot be evaluated; None if it can be evaluated
     not_evaluable: str | None
     # values of the parameters of the model after the overrides
     parameters: dict[str, ParameterFacts]

@@ -1,5 +1,5 @@
-"""Finds isolated points of a grid: points whose verdict differs from the verdicts of all
-neighbours."""
+"""Finds isolated points of a grid. The verdict of an isolated point differs from the verdicts of
+all its neighbours."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
     found = []
     for place in np.ndindex(shape):
         near = tuple(slice(max(0, i - 1), i + 2) for i in place)
-        # verdicts that the neighbours and the point have
+        # known: verdicts of the point and of its neighbours
         known = [v for v in cells[near].ravel() if v]
         if cells[place] and len(known) > 2 and known.count(cells[place]) == 1:
             found.append(int(numbers[place]))
@@ -33,7 +33,7 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
 
 
 def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point]:
-    """Returns the points half-way between a point of the grid and the neighbours, including
+    """Returns the points half-way between a point of the grid and each of its neighbours, including
     diagonal neighbours."""
     choices = []
     for axis, value in zip(axes, point, strict=True):

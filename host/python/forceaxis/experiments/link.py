@@ -1,8 +1,8 @@
 """Runs with the firmware in a second process: this process simulates the plant, the program
 axis_node runs the firmware, and the two processes exchange messages in each tick.
 
-The trace does not depend on the connection: it is equal to the trace of a run in one process. Both
-processes compute the trace hash; different hashes mean that a message was changed on its way.
+The trace does not depend on the connection, and is equal to that of a run in one process. Both
+processes compute the trace hash. Different hashes mean that a message was changed on its way.
 """
 
 import contextlib
@@ -37,38 +37,37 @@ from forceaxis.words import option_words
 
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
-_IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
+_IN_VCAN = "FORCEAXIS_VCAN"  # environment variable that tools/vcan sets
 
 
 class LinkError(Exception):
-    """Error: a connection between two processes failed. The command then ends with exit status
-    1."""
+    """Error: a connection between two processes failed. The command ends with exit status 1."""
 
 
 @dataclass(frozen=True)
 class LinkOptions:
     """Options of a run with plant and firmware in two processes."""
 
-    kind: str = "inproc"  # of KINDS
-    lcm_url: str = ""  # URL of the LCM bus; if empty, the port follows from the number of the run
+    kind: str = "inproc"  # kind of the connection, one of KINDS
+    lcm_url: str = ""  # URL of the LCM bus; if empty, the number of the run selects the port
     can: str = "vcan1"  # name of the CAN interface
-    inject: str = ""  # errors that are inserted into the messages of both processes, for tests
-    start_timeout_s: float = 5.0  # longest waiting time in s until the first message
-    timeout_s: float = 1.0  # longest waiting time in s between two messages
+    inject: str = ""  # errors that tests insert into the messages of both processes
+    start_timeout_s: float = 5.0  # longest time in s until the first message arrives
+    timeout_s: float = 1.0  # longest time in s between two messages
 
     def words(self) -> list[str]:
-        """Returns the arguments of a run that select this connection."""
+        """Returns those arguments of a command that select this connection."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
 
 class LinkedRun(NamedTuple):
-    """Runs an experiment over a connection between two processes."""
+    """The result of a run of an experiment over a connection between two processes."""
 
     result: _core.Result
     report: LinkReport
     refused: list[RefusedWrite]  # writes that the firmware has refused
-    cycle: CycleReport | None  # last cycle
+    cycle: CycleReport | None  # last cycle of the run
 
 
 def program(name: str) -> str:
@@ -85,9 +84,8 @@ def program(name: str) -> str:
 
 
 def under_vcan(link: LinkOptions) -> None:
-    """Runs the present command again under tools/vcan, which creates a CAN interface, if this
-    machine has none. Does nothing if the interface exists, or if the caller has named a different
-    interface."""
+    """Runs the present command again under tools/vcan, which creates a CAN interface. Does so only
+    if the default interface of LinkOptions is selected and does not exist on this machine."""
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
     if link.can != LinkOptions.can:
@@ -109,7 +107,7 @@ def _has_can(interface: str) -> bool:
 
 @dataclass
 class AxisNode:
-    """A process of the program axis_node, which runs the firmware for a series of runs."""
+    """A process of the program axis_node. It runs the firmware for a series of runs."""
 
     link: LinkOptions
     process: subprocess.Popen[bytes] = field(init=False)
@@ -160,7 +158,7 @@ class AxisNode:
 
     def _line(self, timeout_s: float) -> str:
         """Returns the next text line that the process prints. Raises LinkError if the process ends,
-        or if the process prints no line within `timeout_s`."""
+        or if it prints no line within `timeout_s`."""
         stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
@@ -192,7 +190,7 @@ class AxisNode:
         return line
 
     def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
-        """Sends the process the experiment and the overrides of the next run. Raises InputError,
+        """Sends the experiment and the overrides of the next run to the process. Raises InputError,
         LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
@@ -219,8 +217,8 @@ def new_run_id() -> int:
 def run_with(
     node: AxisNode, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """Runs an experiment with the firmware in the process `node`. `trace` is False if only the
-    result is needed. Raises InputError, LinkError, SimulationError."""
+    """Runs an experiment with the firmware in the process `node`. `trace`: False if only the result
+    is needed. Raises InputError, LinkError, SimulationError."""
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
@@ -262,7 +260,7 @@ def run_with(
 def run_on_chip(
     link: LinkOptions, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """Runs an experiment with the firmware on an emulated chip. `trace` is False if only the result
+    """Runs an experiment with the firmware on an emulated chip. `trace`: False if only the result
     is needed. Raises InputError, LinkError, SimulationError."""
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
@@ -286,7 +284,7 @@ def run_on_chip(
 def _report_here(
     kind: str, where: str, result: _core.Result, axis_pid: int, ticks_per_s: float
 ) -> LinkReport:
-    """Returns the report of a run without messages between two processes."""
+    """Returns the LinkReport of a run without messages between two processes."""
     return LinkReport(
         kind=kind,
         where=where,
@@ -321,10 +319,11 @@ def run_many(
     jobs: Sequence[tuple[str, Sequence[str]]],
     progress: Callable[[int, int], None] | None = None,
 ) -> "list[_core.RunOutcome]":
-    """Runs pairs (experiment, overrides) one after another over the connection `link`.
+    """Runs pairs (experiment, overrides) one after another over the connection `link`. The results
+    have the form of those of _core.run_many.
 
-    progress: function that receives (number of finished runs, number of all runs). The results have
-    the form of _core.run_many. Raises InputError, LinkError, SimulationError.
+    progress: function that receives (number of finished runs, number of all runs). Raises
+    InputError, LinkError, SimulationError.
     """
     outcomes: list[_core.RunOutcome] = []
     with contextlib.ExitStack() as stack:

@@ -39,37 +39,38 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 def unit_of(name: str) -> tuple[str, float]:
-    """Returns (unit, factor) of a column of a trace for a plot. The plot shows value times
-    factor."""
+    """Returns (unit, factor) for a column of a trace. A plot shows the values times the factor, in
+    this unit."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
 @dataclass
 class Line:
-    """One signal in a row of a plot."""
+    """One signal in a row of a plot of signals over time."""
 
     label: str
     unit: str
     values: Array  # values of the signal at the times of the plot, (n,)
-    # {value: name} of an enumeration; shown on the axis if the row has no other signal
+    # {value: name} of an enumeration; the names are shown if the row has no other signal
     names: dict[int, str] = field(default_factory=dict)
-    # True if the signal is the controlled force in N, to which the force set-points refer
+    # True for the controlled force in N, to which the force set-points refer
     controlled: bool = False
 
 
 @dataclass
 class Marks:
-    """Everything that a plot shows besides signals. Times are in s. Marks outside the plotted time
-    range are not shown."""
+    """Everything that a plot shows besides signals. Times are in s. Marks outside of the plotted
+    time range are not shown."""
 
-    # (time of the change, force set-point in N)
+    # (time of the change in s, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
-    contacts: list[tuple[float, float]] = field(default_factory=list)  # (first time, last time)
+    # (first time, last time) of each contact
+    contacts: list[tuple[float, float]] = field(default_factory=list)
     # window of the verdict: (first time in s, last time in s, RunResult.mark)
     window: tuple[float, float, str] | None = None
-    # (time, key of EVENTS, text)
+    # (time in s, key of EVENTS, text)
     events: list[tuple[float, str, str]] = field(default_factory=list)
-    # (times, forces in N) of a force demand that is not a step
+    # (times in s, forces in N) of a force demand that is not a step
     demand: tuple[Values, Values] | None = None
 
 
@@ -80,11 +81,11 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-OVERLAP_SHARE = 0.015  # distance below which marks overlap, as a share of the width of the plot
+OVERLAP_SHARE = 0.015  # marks overlap below this distance, as a share of the plot's width
 MOST_MARKS = 3  # largest number of overlapping marks that are drawn separately
 LINE_WIDTH = THIN["linewidth"]
 CONTACT_COLOUR = "#dbe6f1"
-KEYS_PER_LINE = 5  # most keys in a line of a legend
+KEYS_PER_LINE = 5  # largest number of entries in a line of a legend
 
 
 def trace(
@@ -95,13 +96,13 @@ def trace(
     marks: Marks | None = None,
     width: float = 5.6,
 ) -> Figure:
-    """Returns the plot of signals over time. `rows`: the signals of each row. `notes`: (text,
-    colour) of the text lines below the title. `width`: width of the plot in inches."""
+    """Returns a plot of signals over time. `rows`: the signals of each row. `notes`: (text, colour)
+    of each text line below the title. `width`: width of the plot in inches."""
     marks = marks or Marks()
     chars = round(18.5 * width)
     notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
     handles = keys(marks, time_s, rows)
-    lines = -(-len(handles) // KEYS_PER_LINE)  # lines of the legend
+    lines = -(-len(handles) // KEYS_PER_LINE)  # number of lines of the legend
     head, foot, tall = 0.3 + 0.14 * len(notes), 0.5 + 0.18 * lines, 1.2
     height = head + tall * len(rows) + foot
     figure, axes = plt.subplots(len(rows), 1, sharex=True, figsize=(width, height), squeeze=False)
@@ -140,7 +141,7 @@ def trace(
 
 
 def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
-    """Draws the signals of one row and labels the axis."""
+    """Draws the signals of one row, and labels the axis."""
     for line in row:
         values = line.values
         if len(row) == 1 and line.names:
@@ -157,13 +158,13 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
 
 
 def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
-    """Draws the force demand as steps of the set-points, or as ramps if the demand has a slope."""
+    """Draws the force demand: as steps of the set-points, or as ramps if the demand has a slope."""
     setpoints = marks.setpoints
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     if marks.demand is not None:
         times_s, force_N = (np.asarray(v, float) for v in marks.demand)
-        none = force_N == 0  # marks the segments whose two ends are 0 N, which are not drawn
+        none = force_N == 0  # segments whose two ends are 0 N are not drawn
         none = none & np.append(True, none[:-1]) & np.append(none[1:], True)
         drawstyle = "default"
     else:
@@ -181,8 +182,8 @@ def ramps(
     end: float,
 ) -> tuple[list[float], list[float]]:
     """Returns (times, forces in N) of the corner points of a force demand. From the first contact
-    until the time `end`, the demand follows the set-points, (time of the change, N), with `slope`
-    in N/s."""
+    until the time `end`, the demand follows the set-points with the slope `slope` in N/s.
+    `setpoints`: (time of the change, force in N)."""
     touch = min((a for a, _ in contacts), default=np.inf)
     if touch >= end:
         return [], []
@@ -220,20 +221,20 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
 
 
 def area_of(verdict: str) -> str:
-    """Returns the colour of an area with this verdict."""
+    """Returns the colour of an area for a verdict."""
     return AREA.get(verdict, AREA["failed"])
 
 
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
-    """Draws a mark above the rows for each event. Events that are too close together for separate
-    marks have one common line from the first to the last event."""
+    """Draws a mark above the rows for each event. If events are too close together for separate
+    marks, they get one line from the first to the last of them."""
     across = ax.get_xaxis_transform()
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MOST_MARKS:
-                # The lines of each kind of event have a separate height.
+                # The line of each kind of event has a height of its own.
                 height = 1.03 + 0.012 * level
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip
@@ -244,8 +245,8 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
-    """Returns the times in groups, in ascending order. Neighbours in a group have a distance of at
-    most `close`, in the unit of the times."""
+    """Returns the times in groups, in ascending order. Two neighbours in a group have a distance of
+    at most `close`."""
     found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
@@ -256,8 +257,8 @@ def clusters(times: Sequence[float], close: float) -> list[list[float]]:
 
 
 def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
-    """Returns the handles of the legend: demand, contact, window of the verdict and events of the
-    plot."""
+    """Returns the entries of the legend for the demand, contacts, window of the verdict and events
+    of a plot."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
     if any(newton for _, newton in marks.setpoints) and any(
@@ -282,19 +283,19 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 
 @dataclass(frozen=True)
 class ExpectedLevel:
-    """An expected range of a value, and the value of the run, in the unit of the trace."""
+    """An expected range of a value, and the value of the run. Both are in the unit of the trace."""
 
-    row: int  # row of the figure
+    row: int  # number of the row in the plot
     name: str  # key of [expect]
     from_s: float  # time in s from which the value is evaluated
-    low: float  # end of the expected range
+    low: float  # lower end of the expected range
     high: float  # upper end of the expected range
     obtained: float  # value of the run
 
 
 @dataclass(frozen=True)
 class Settling:
-    """The expected settling time, and the settling time of the run, in s after `from_s`."""
+    """The expected settling time and the settling time of the run, both in s after `from_s`."""
 
     from_s: float
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
@@ -312,10 +313,10 @@ def comparison(
     table: str,
     title: str,
 ) -> Figure:
-    """Returns the plot of signals with expected values in green and obtained values, and a table of
-    these values as text below.
+    """Returns a plot that compares expected with obtained values. The expected values are green.
+    The text `table`, a table of these values, is below the plot.
 
-    rows: the signals of each row; the first row is the response whose settling is shown.
+    rows: the signals of each row. The first row has the response whose settling is shown.
     """
     heights = [2.4] * len(rows) + [0.1 + 0.145 * len(table.splitlines())]
     figure, axes = plt.subplots(
@@ -360,8 +361,8 @@ def comparison(
 
 
 def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
-    """Draws the obtained value and the expected range of a value, from the start of the evaluation
-    to the end of the run."""
+    """Draws the obtained value and the expected range of this value. They extend from the start of
+    the evaluation to the end of the run."""
     view, start = ax.get_ylim(), level.from_s
     low = level.low * factor if level.low > -np.inf else view[0]
     high = level.high * factor if level.high < np.inf else view[1]
@@ -372,14 +373,14 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        # The labels of the peak and of the final value are on different sides, to avoid overlap.
+        # The labels of peak and final value are on different sides, so that they do not overlap.
         va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip
 
 
 def mark_settling(ax: Axes, factor: float, end: float, settling: Settling) -> None:
-    """Draws the settling band, the expected times and the obtained time."""
+    """Draws the settling band, the expected settling times, and the obtained settling time."""
     begin, edges = settling.from_s, [edge * factor for edge in settling.band]
     ax.hlines(edges, begin, end, color="#5d6874", linestyle=":", linewidth=1, zorder=3)
     if expected := settling.expected_s:

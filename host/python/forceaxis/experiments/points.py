@@ -1,5 +1,5 @@
-"""Points of a sweep: all points of a grid, random points, or the range of a search for a stability
-boundary."""
+"""Points of a sweep: the points of a grid, random points, or the range in which a stability
+boundary is searched."""
 
 import hashlib
 import itertools
@@ -22,7 +22,7 @@ Point: TypeAlias = tuple[float, ...]  # a point of a sweep: one value for each s
 GridValues: TypeAlias = str | Iterable[float]
 
 
-# Numeric keys of an experiment's tables, which a sweep can change.
+# {table of an experiment: its numeric keys that a sweep can change}
 KEYS = {
     "experiment": ("duration_s", "seed"),
     "verdict": ("window_s", "force_ripple_max_count", "position_ripple_max_count"),
@@ -31,7 +31,7 @@ KEYS = {
 
 def meant(name: str, parameters: Iterable[str] = ()) -> str:
     """Returns the end of a message about an unknown name of an override: "; did you mean NAME?", or
-    an empty text. `parameters` are the names of the model's parameters."""
+    an empty text. `parameters`: names of the model's parameters."""
     full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
@@ -43,19 +43,19 @@ def meant(name: str, parameters: Iterable[str] = ()) -> str:
 
 @dataclass(frozen=True)
 class SweepParameter:
-    """A parameter that a sweep changes, and the range of values in the unit of the parameter."""
+    """A parameter that a sweep changes, and its range of values in the unit of the parameter."""
 
     name: str
     low: float
     high: float
     log: bool = False  # True if the range is divided on a logarithmic scale
-    values: Point = ()  # of a grid
-    # for a bisection: largest distance between the last stable and the last unstable value
+    values: Point = ()  # values of a parameter of a grid
+    # largest distance between the last stable and the first unstable value of a bisection
     tolerance: float = 0.0
 
     def at(self, u: float) -> float:
-        """Returns the value at the fraction u of the range, 0 to 1, rounded to 12 digits so that
-        the text of the value is exact."""
+        """Returns the value at the fraction u of the range, from 0 to 1. It is rounded to 12
+        digits, so that its text is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
@@ -71,8 +71,8 @@ def parse(
 ) -> SweepParameter:
     """Returns the swept parameter `name` from a text FROM:TO.
 
-    Numbers with the names in `more` follow in the text, and ":log" may follow if `may_log` is True.
-    `parameter` is the field of the SweepRequest with the text, for error messages. Raises
+    `more`: names of further numbers in the text, after FROM:TO. `may_log`: True if ":log" may
+    follow them. `parameter`: field of the SweepRequest with the text, for error messages. Raises
     ParameterError.
     """
     shape = ":".join(("FROM", "TO", *more))
@@ -134,19 +134,19 @@ def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
 
 
 def grid_points(axes: Sequence[SweepParameter]) -> list[Point]:
-    """Returns all combinations of the values. The last parameter changes first."""
+    """Returns all combinations of the values. The value of the last parameter changes fastest."""
     return list(itertools.product(*(a.values for a in axes)))
 
 
 def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
-    """Returns the swept parameters of {name: "FROM:TO[:log]"}. Raises ParameterError."""
+    """Returns the swept parameters from {name: "FROM:TO[:log]"}. Raises ParameterError."""
     return [parse("random", name, text, (), True) for name, text in random.items()]
 
 
 def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
-    """Returns random points. The value of a parameter at point i depends only on seed, name and i:
-    the fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53. Raises
-    ParameterError.
+    """Returns random points. The value of a parameter at point i depends only on the seed, its name
+    and i. The fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53.
+    Raises ParameterError.
     """
     if not count or not 1 <= count <= MOST_POINTS:
         raise ParameterError("count", f"expected a number of random points, 1 to {MOST_POINTS}")
@@ -161,8 +161,9 @@ def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) 
 def posterior_points(
     file: str, count: int | None, seed: int
 ) -> tuple[list[SweepParameter], list[Point]]:
-    """Returns the swept parameters of the file of a posterior, with their 95 % intervals, and
-    points that are drawn from it. Raises ParameterError or InputError."""
+    """Returns (swept parameters, points) from the file of a posterior. The range of a parameter is
+    its 95 % interval. The points are drawn from the posterior. Raises ParameterError or
+    InputError."""
     if not count or not 1 <= count <= MOST_POINTS:
         raise ParameterError("count", f"expected a number of points of `over`, 1 to {MOST_POINTS}")
     found = posterior.read(file)
@@ -177,8 +178,8 @@ def check_names(
     overrides: Sequence[str],
     axes: Sequence[SweepParameter],
 ) -> None:
-    """Raises InputError for a name that is given twice, for an unknown name, and for a parameter
-    without effect on the model."""
+    """Raises InputError for a name that is given twice or is unknown, and for a parameter that has
+    no effect on the model."""
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
         if axis.name in taken:

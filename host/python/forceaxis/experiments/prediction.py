@@ -1,5 +1,5 @@
-"""Predictions for a recording: runs of an experiment with the recorded inputs, and with parameters
-and noise sampled at random."""
+"""Predictions for a recording: runs of an experiment with the recorded inputs. Parameters and noise
+of these runs are random."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,69 +31,69 @@ from forceaxis.words import suggestion
 TICK_S = 1 / _core.TICKS_PER_SECOND
 LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # largest number of changes of a recorded set-point
-OF_FIRMWARE = ("code", "force_setpoint")  # inputs that only the firmware has
-DEFAULT_GAP = "gap"  # parameter that moves the first contact, if the model has it
-FAR_M = 1.0  # length in m by which the gap is enlarged for a run without contact
+OF_FIRMWARE = ("code", "force_setpoint")  # inputs of a run that only the firmware can have
+DEFAULT_GAP = "gap"  # name of the model parameter that moves the first contact by default
+FAR_M = 1.0  # length in m by which the gap is enlarged, so that a run makes no contact
 
-Member = Mapping[str, float]  # values of parameters in SI units
+Member = Mapping[str, float]  # {parameter: value in SI units} of one run
 Columns = Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """The inputs of a prediction in addition to the recording. The fields have the names of the
-    options."""
+    """The inputs of a prediction in addition to the recording. The fields have the names of options
+    of commands."""
 
     experiment: Path
     over: Sequence[str] = ()
     overrides: Sequence[str] = ()
-    # name in INPUTS; "law" for the force law of the experiment; None: selected from the recording
+    # input of the runs: a name in INPUTS, "law" for the force law of the experiment, or None to
+    # select it from the recording
     input: str | None = None
-    gap: str | None = None  # parameter that moves the first contact
+    gap: str | None = None  # name of the model parameter that moves the first contact
     samples: int = 40
     seed: int = 1
 
 
 @dataclass(frozen=True)
 class SignalModel:
-    """Describes how the values of a recorded signal are computed from the columns of a simulated
-    run."""
+    """How the values of a recorded signal are computed from the columns of a simulated run."""
 
     name: str
     unit: str
     column: str
     factor: float = 1.0
-    zero: float = 0.0  # zero of the quantity, in the unit of the column
+    zero: float = 0.0  # value of the column at which the signal is 0
 
     def of(self, columns: Columns) -> Floats:
-        """Returns the values of the signal in `unit`, (ticks,)."""
+        """Returns the values of the signal in `unit`, one for each tick."""
         return np.asarray((columns[self.column].astype(float) - self.zero) * self.factor)
 
 
 @dataclass
 class Predictor:
-    """Runs of an experiment for one recording."""
+    """Runs of an experiment that predict one recording."""
 
     request: PredictionRequest
     recording: SignalRecording
     inputs: Inputs
     plant: PlantFacts
     ranges: dict[str, Range]
-    posterior: Posterior | None = None  # posterior of further parameters
+    posterior: Posterior | None = None  # posterior of the parameters that have no range
     input: str = "law"
     signals: tuple[SignalModel, ...] = ()
     gap: str | None = None
     notes: list[str] = field(default_factory=list)
-    # time of the recording in s after which a run with the recorded inputs may end
+    # time in the recording, in s, after which a run with the recorded inputs may end
     until_s: float = math.inf
-    # shift of the recorded set-points in s, once the first contact of recording and run is known
+    # shift of the recorded set-points in s; set when both first contacts are known
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
 
     @classmethod
     def of(cls, request: PredictionRequest, recording: SignalRecording) -> "Predictor":
-        """Reads experiment and model, and finds the input and the signals that can be compared.
-        Raises InputError, ParameterError."""
+        """Returns the Predictor for a recording. It reads the experiment and the model, and finds
+        the input and the signals that can be compared. Raises InputError, ParameterError."""
         inputs = read_inputs(request.experiment, request.overrides)
         model = settings.of(
             str(request.experiment), _override_values(request.overrides), plant=True
@@ -119,8 +119,8 @@ class Predictor:
         return {n: p.value for n, p in self.inputs.parameters.items() if n in named}
 
     def _input(self) -> str:
-        """Returns the signal that is the input of the runs, or "law". The controller of a machine
-        has neither the codes nor the set-point of the firmware."""
+        """Returns the signal of the recording that is the input of the runs, or "law". The
+        controller of a machine has neither the codes nor the set-point of the firmware."""
         wanted, recording = self.request.input, self.recording
         own = "machine_controller" in toml.read(self.inputs.model)
         allowed = [n for n in INPUTS if not (own and n in OF_FIRMWARE)]
@@ -194,7 +194,7 @@ class Predictor:
         return tuple(found)
 
     def _signal(self, name: str) -> SignalModel | None:
-        """Returns the model of a signal, or None if it is an input or unknown."""
+        """Returns the SignalModel of a signal, or None if the signal is an input or unknown."""
         converters = self.inputs.converters
         if name == "force":
             return self._force(converters.get("adc0"))
@@ -222,9 +222,9 @@ class Predictor:
         return dict(zip(own.names, own.best, strict=True)) if own else {}
 
     def members(self, nominal: Columns, level: ForceLevel) -> list[dict[str, float]]:
-        """Returns values of the parameters, sampled at random, one for each run: in the ranges, and
-        joint samples of the posterior. A controller meets the workpiece at any instant of a tick,
-        so without a recorded command the gap is sampled over the travel of a tick."""
+        """Returns {parameter: value} for each run, sampled at random: values in the ranges, and
+        joint samples of the posterior. An axis meets the workpiece at any instant within a tick. So
+        without a recorded command, the gap is sampled over the travel of one tick."""
         rng = np.random.default_rng(self.request.seed)
         ranges = {name: (low, high) for name, (_, low, high) in self.ranges.items()}
         touch_s = self.touch_s(nominal, level)
@@ -243,8 +243,8 @@ class Predictor:
         ]
 
     def run(self, member: Member, seed: int) -> Columns:
-        """Returns the columns of a run with `tick` and everything that the signals need. Raises
-        SimulationError, InputError."""
+        """Returns the columns of a run that the signals need, and `tick`. Raises SimulationError,
+        InputError."""
         return self._fed(member, seed) if self.is_fed else self._controlled(member, seed)
 
     def _fed(self, member: Member, seed: int) -> Columns:
@@ -262,16 +262,16 @@ class Predictor:
         return columns | dict(zip(names, signals.T, strict=True))
 
     def _enabled(self, ticks: int) -> NDArray[np.bool_] | None:
-        """Returns whether the recorded drive is enabled in each tick, or None if that is not
-        recorded."""
+        """Returns an array that tells for each tick whether the recorded drive is enabled. Returns
+        None if this is not recorded."""
         if "enabled" not in self.recording:
             return None
         at_s: Floats = self.start_s + np.arange(ticks, dtype=np.float64) * TICK_S
         return np.asarray(self.recording.held("enabled", at_s) > 0.5)
 
     def _command_of_ticks(self) -> tuple[Floats, bool]:
-        """Returns the command in each tick from the first sample of the recording on, (ticks,), and
-        whether it is a voltage."""
+        """Returns (command in each tick, True if it is a voltage). The ticks begin at the first
+        sample of the recording. The command is an array with one value for each tick."""
         if self._commands is None:
             signal = self.recording[self.input]
             lasts_s = min(float(np.ptp(signal.time_s)), LONGEST_S, self.until_s - self.start_s)
@@ -284,12 +284,11 @@ class Predictor:
 
     @property
     def start_s(self) -> float:
-        """Returns the time in the recording, in s, that corresponds to tick 0 of a run with its
-        inputs."""
+        """Returns the time in the recording, in s, that corresponds to tick 0 of a run."""
         return float(self.recording[self.input].true_time_s[0]) if self.is_fed else 0.0
 
     def _per_command(self) -> float:
-        """Returns the voltage of the drive for a recorded command of 1."""
+        """Returns the voltage of the drive for a recorded command with the value 1."""
         if self.input in ("code", "voltage_command") or self.plant.drive is None:
             return 1.0
         values = self.plant.drive.values
@@ -309,7 +308,8 @@ class Predictor:
         return {"tick": result.tick, **result.columns()}
 
     def _with_setpoints(self) -> str | None:
-        """Returns the text of the experiment with the changes of the recorded set-point."""
+        """Returns the text of the experiment with the recorded changes of the set-point, or None
+        without a recorded set-point."""
         if self.input != "force_setpoint":
             return None
         signal = self.recording["force_setpoint"]
@@ -331,20 +331,20 @@ class Predictor:
         return "\n".join(lines)
 
     def force(self) -> SignalModel:
-        """Returns the model of the force."""
+        """Returns the SignalModel of the force."""
         return next(model for model in self.signals if model.name == "force")
 
     def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
-        """Returns the time of the first contact of a run in s since tick 0, by the level of the
-        recorded force, or None."""
+        """Returns the time of the first contact of a run in s from tick 0, or None without contact.
+        The contact is found at the same level of the force as in the recording."""
         force = self.force().of(columns)
         time_s: Floats = np.arange(len(force), dtype=np.float64) * TICK_S
         return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))
 
     def with_gap(self, member: Member, touch_s: float, level: ForceLevel) -> dict[str, float]:
-        """Returns a member with the gap at which a run with the recorded inputs makes contact
-        `touch_s` after tick 0. Without such a parameter the member itself is returned. Raises
-        InputError."""
+        """Returns `member` with a changed gap. With this gap, a run with the recorded inputs makes
+        contact `touch_s` after tick 0. If the model has no such parameter, the result equals
+        `member`. Raises InputError."""
         if self.gap is None or not self.is_fed:
             return dict(member)
         own = self.inputs.parameters[self.gap].value
@@ -373,7 +373,7 @@ class Predictor:
 
 
 def _override_values(texts: Sequence[str]) -> dict[str, float | str]:
-    """Returns the overrides of parameters and of the firmware as {name: value}."""
+    """Returns {name: value} for the overrides of parameters and of the firmware."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -1,17 +1,17 @@
-"""Plugin of pytest: a fixture that runs an experiment, and test items for experiments with a table
+"""Plugin of pytest: a fixture that runs an experiment, and a test for each experiment with a table
 [expect].
 
     def test_axis(forceaxis_experiment):
         forceaxis_experiment("contact.toml").check()
 
 The path is relative to the file of the test. Further arguments are overrides, such as
-"firmware.force_gain=7". For other assertions the returned object has `.run.columns` (the trace),
-`.run.summary` and `.measured.values`. With
+"firmware.force_gain=7". For other assertions, the returned object has `.run.columns` (the trace),
+`.run.summary` and `.measured.values`. With these lines in pyproject.toml,
 
     [tool.pytest.ini_options]
     forceaxis_experiments = ["axes"]
 
-pytest runs every *.toml file with a table [expect] below these folders as a test.
+pytest runs every *.toml file below these folders that has a table [expect] as a test.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Adds the folders of forceaxis_experiments to the folders that pytest searches without
+    """Adds the folders of forceaxis_experiments to those that pytest searches if it has no
     arguments."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
@@ -57,14 +57,14 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "Experimen
 
 
 class ExperimentFile(pytest.File):
-    """The file of an experiment with a table [expect]. Each file has one test item."""
+    """The file of an experiment with a table [expect]. Each such file is one test."""
 
     def collect(self) -> "Iterator[ExperimentItem]":
         yield ExperimentItem.from_parent(self, name="expect")
 
 
 class ExperimentItem(pytest.Item):
-    """The test item of an experiment file. Runs the experiment and compares the result with
+    """The test of an experiment file. It runs the experiment and compares the result with
     [expect]."""
 
     def runtest(self) -> None:
@@ -98,8 +98,8 @@ class CheckedExperiment:
         self.checks: list[ExpectationCheck] = examined.checks
 
     def check(self) -> None:
-        """Raises AssertionError with one text line for each value that differs from [expect], and
-        InputError if [expect] has no values."""
+        """Raises AssertionError with one text line for each value that differs from [expect].
+        Raises InputError if [expect] has no values."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
 
@@ -116,8 +116,8 @@ class CheckedExperiment:
 
 @pytest.fixture
 def forceaxis_experiment(request: pytest.FixtureRequest) -> Callable[..., CheckedExperiment]:
-    """Returns a function that runs the experiment at a path relative to the test file:
-    forceaxis_experiment(path).check()."""
+    """Returns a function that runs an experiment and returns a CheckedExperiment. Its argument is
+    the path of the experiment relative to the test file: forceaxis_experiment(path).check()."""
 
     def run(path: str | Path, *overrides: str) -> CheckedExperiment:
         return CheckedExperiment(Path(request.path).parent / path, overrides)

@@ -1,5 +1,5 @@
-"""Experiments as regression tests: runs each file with a table [expect] and compares the
-results."""
+"""Experiments as regression tests: runs each file with a table [expect], and compares the results
+with this table."""
 
 import contextlib
 import functools
@@ -25,26 +25,26 @@ if TYPE_CHECKING:
 
 @dataclass
 class RegressionOutcome:
-    """The result of the test of one file. `status` is passed, failed, error (the file is wrong),
-    updated (a new [expect] was written), or skipped (the file has no [expect])."""
+    """The result of the test of one file. `status` is "passed", "failed", "error" (the file is
+    wrong), "updated" (a new [expect] was written) or "skipped" (the file has no [expect])."""
 
     file: Path
     status: str
-    seconds: float = 0.0  # duration of the test
+    seconds: float = 0.0  # duration of the test in s
     message: str = ""  # reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
-    # run and checks, stored while a plot or an update needs the run
+    # the run and its checks, as long as a plot or an update needs the run
     examined: expect.Examined | None = None
     drawn: Path | None = None  # path of the plot of the differences
 
     @property
     def name(self) -> str:
-        """The name of the file in all outputs."""
+        """The path of the file as all outputs show it."""
         return paths.display(self.file)
 
     @property
     def lines(self) -> list[str]:
-        """The differences as texts, one text line each."""
+        """The differences between expected and obtained values, one text line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
     @property
@@ -100,9 +100,9 @@ class RegressionCounts:
 
 
 def is_test(file: Path) -> bool | None:
-    """Returns True if a file is an experiment with a table [expect], and None if the file is not an
-    experiment. A file that cannot be read is treated as a test, and the test then reports the
-    error."""
+    """Returns True if a file is an experiment with a table [expect], False if it is an experiment
+    without it, and None if it is not an experiment. A file that cannot be read counts as a test.
+    The test then reports the error."""
     try:
         data = toml.read(file)
     except InputError:
@@ -115,11 +115,11 @@ def is_test(file: Path) -> bool | None:
 def find(
     targets: Sequence[str | Path], pattern: str | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """Returns (files with a table [expect], experiments without this table) among the targets,
-    which are files and folders.
+    """Returns (files with a table [expect], experiments without this table). `targets`: files and
+    folders in which these are searched.
 
-    `pattern` matches the file name, with the wildcards * and ?. Raises InputError if no file has
-    the table.
+    `pattern`: pattern of the file name, with the wildcards * and ?. Raises InputError if no file
+    has the table.
     """
     files: dict[Path, Path] = {}
     for target in map(Path, targets):
@@ -158,8 +158,8 @@ def find(
 
 
 def run_test(file: Path, update: bool = False) -> RegressionOutcome:
-    """Runs the test of one file. An error in the file is an outcome, not an exception. `update`
-    means that the outcome also contains the run if [expect] has to be written again."""
+    """Runs the test of one file. An error in the file is an outcome, not an exception. `update`:
+    True if the outcome also has to contain the run, in case [expect] has to be written again."""
     began = time.perf_counter()
     outcome = RegressionOutcome(file, "error")
     try:
@@ -188,8 +188,8 @@ def run_test(file: Path, update: bool = False) -> RegressionOutcome:
 
 
 def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
-    """Writes the values of the run into the table [expect] of the file, and runs the comparison
-    again. Limits do not change, so the test can still fail."""
+    """Writes the values of the run into the table [expect] of the file, and compares again. Limits
+    do not change, so the test can still fail."""
     file = outcome.file
     try:
         with file.open(encoding="utf-8", newline="") as stream:
@@ -225,11 +225,11 @@ def run(
     pattern: str | None = None,
     report: Callable[[RegressionOutcome], None] | None = None,
 ) -> list[RegressionOutcome]:
-    """Runs all tests among the targets, files and folders, in parallel. Returns the outcomes in the
+    """Runs all tests in the files and folders `targets`, in parallel. Returns the outcomes in the
     order of the file names.
 
-    update: writes the values of the run into [expect] if they differ. out: folder for a figure and
-    a table of each difference. pattern: part of the file name, in which * and ? are wildcards.
+    update: True to write the values of the run into [expect] if they differ. out: folder for a plot
+    and a table of each difference. pattern: pattern of the file name, with the wildcards * and ?.
     report: function that receives each outcome, in order, as soon as it is known. Raises InputError
     if there is no test.
     """
@@ -264,8 +264,8 @@ def run(
 
 
 def write_difference(outcome: RegressionOutcome, examined: expect.Examined, place: Path) -> Path:
-    """Writes files about a difference to `place`: a plot of expected and obtained values (.png,
-    .svg), a table of these values (.txt) and the trace (.npz). Returns the path of the .png
+    """Writes files about a difference to the folder `place`: a plot of expected and obtained values
+    (.png, .svg), a table of these values (.txt), and the trace (.npz). Returns the path of the .png
     file."""
     import numpy as np
 
@@ -283,7 +283,7 @@ def write_difference(outcome: RegressionOutcome, examined: expect.Examined, plac
 
 
 def figure(examined: expect.Examined) -> "Figure":
-    """Returns the plot of the trace with the expected peak force, final value and settling time."""
+    """Returns a plot of the trace with the expected peak force, final value and settling time."""
     from forceaxis.experiments import plots
 
     measured, wanted = examined.measured, examined.expect.wanted
@@ -315,19 +315,19 @@ def figure(examined: expect.Examined) -> "Figure":
 
 
 def counts(outcomes: Sequence[RegressionOutcome]) -> RegressionCounts:
-    """Returns the numbers of outcomes by their status."""
+    """Returns the number of outcomes with each status."""
     numbers = Counter(o.status for o in outcomes)
     return RegressionCounts(**{kind.name: numbers[kind.name] for kind in fields(RegressionCounts)})
 
 
 def status(outcomes: Sequence[RegressionOutcome]) -> int:
-    """Returns the exit status: 2 for bad input, 1 for a difference, otherwise 0."""
+    """Returns the exit status: 2 for a wrong file, 1 for a difference, otherwise 0."""
     ended = {o.status for o in outcomes}
     return 2 if "error" in ended else 1 if "failed" in ended else 0
 
 
 def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
-    """Writes the outcomes as JUnit XML, the format that CI servers read."""
+    """Writes the outcomes as JUnit XML, a format that CI servers read."""
     number = counts(outcomes)
     suite = ET.Element(
         "testsuite",
@@ -362,5 +362,5 @@ def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
 
 
 def xml_printable(text: str) -> str:
-    """Returns the text without characters that XML does not permit."""
+    """Returns the text without those characters that XML does not permit."""
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)

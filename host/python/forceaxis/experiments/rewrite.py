@@ -22,14 +22,14 @@ FILLED_KEYS = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
-    """Returns True if [expect] is empty or contains only the verdict. An update then fills the
-    table."""
+    """Returns True if [expect] is empty or contains only the verdict. An update then adds keys to
+    the table."""
     return all(check.key == "verdict" for check in checks)
 
 
 def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
-    """Returns the text of an experiment with the missing keys of FILLED_KEYS added below the text
-    line [expect]."""
+    """Returns the text of an experiment with the missing keys of FILLED_KEYS. They are added below
+    the text line [expect]."""
     there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key)))}\n"
@@ -46,13 +46,13 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
 
 
 def updated(text: str, examined: Examined) -> str:
-    """Returns the text of an experiment with new expected values: a value that the run does not
-    match is replaced by the value of the run. Limits are requirements and do not change."""
+    """Returns the text of an experiment with new expected values. If the run does not match a
+    value, the value of the run replaces it. Limits are requirements and do not change."""
     import tomlkit
 
     try:
         document = tomlkit.parse(text)
-    # tomlkit may refuse a text that the TOML reader of the experiments accepts
+    # tomlkit may refuse a text that the TOML reader of experiments accepts
     except tomlkit.exceptions.ParseError as error:
         file = examined.run.experiment
         raise InputError(f"{file}: file: expected TOML that can be edited, got: {error}") from None
@@ -70,9 +70,9 @@ def updated(text: str, examined: Examined) -> str:
 
 
 def rewritten(file: str | Path, text: str, examined: Examined) -> str:
-    """Returns the result of filled() or updated(), with the line ends of the original text.
+    """Returns the result of filled() or updated(). The line ends are those of the original text.
 
-    Raises InputError if a change outside [expect] would be needed.
+    Raises InputError if a change outside of [expect] would be needed.
     """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
@@ -93,8 +93,8 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
 
 
 def written(value: Obtained, allowed: Tolerance | None) -> Obtained:
-    """Returns the text of a value for the file: a number with the fewest decimals that is within a
-    hundredth of the tolerance. `allowed` is the tolerance; None means that the value is a text."""
+    """Returns a value as the file shows it. A number has the fewest decimals with which its error
+    is at most a hundredth of the tolerance. `allowed`: the tolerance, or None for a text."""
     if not isinstance(value, float) or allowed is None:
         return value
     near = allowed.of(value) / 100

@@ -20,22 +20,23 @@ from forceaxis.words import option_words
 
 @dataclass
 class Run:
-    """A finished run: result and trace."""
+    """A finished run: its result and its trace."""
 
     experiment: Path  # file of the experiment
     model: Path  # file of the model
     result: RunResult
-    columns: Columns  # columns of the trace, with one value for each tick
-    # (time_s, element, state before, state after) of each change of state
+    columns: Columns  # {column of the trace: values, one for each tick}
+    # (time in s, element, state before, state after) for each change of state
     events: list[tuple[float, str, str, str]]
     plot: run_result.PlotTable
     shows: str  # text in the experiment file that describes the expected behaviour
-    # (time of the change in s, N) of each force set-point; empty if no force is controlled
+    # (time of the change in s, force in N) for each force set-point; empty if no force is
+    # controlled
     setpoints: list[tuple[float, float]]
-    impulses: list[tuple[float, str, float]]  # (time_s, body, N s) of each impulse on a body
+    impulses: list[tuple[float, str, float]]  # (time in s, body, N s) for each impulse on a body
     contacts: list[str]  # names of the contacts of the model
     signal_units: dict[str, str]  # {signal of the model: unit of the signal}
-    overrides: tuple[str, ...]  # texts NAME=VALUE
+    overrides: tuple[str, ...]  # overrides of the run as texts NAME=VALUE
 
     @property
     def title(self) -> str:
@@ -45,13 +46,13 @@ class Run:
 
     @property
     def time_s(self) -> Array:
-        """Returns the time of each tick in s, (n,)."""
+        """Returns the time of each tick in s, as an array (n,)."""
         return self.columns["time_s"]
 
     @property
     def in_plot(self) -> NDArray[np.bool_]:
-        """Returns an array (n,) with True for each tick within the time range of [plot]. If the run
-        ended before this range, all entries are True."""
+        """Returns an array (n,) that is True for each tick within the time range of [plot]. If the
+        run ended before this range, all entries are True."""
         time_s, plot = self.time_s, self.plot
         start = time_s[0] if plot.from_s is None else plot.from_s
         stop = time_s[-1] if plot.to_s is None else plot.to_s
@@ -65,7 +66,7 @@ class Run:
 
     @property
     def summary(self) -> JsonObject:
-        """Returns the result for JSON."""
+        """Returns the result of the run for JSON."""
         return to_json(self.result)
 
 
@@ -75,11 +76,11 @@ def run(
     over: link.LinkOptions | None = None,
     text: str | None = None,
 ) -> Run:
-    """Runs one experiment. `over` is the connection to the firmware in a second process. If `over`
-    is None, the firmware runs in this process, and `text` may replace the content of the file.
+    """Runs one experiment. `over`: connection to the firmware in a second process. If `over` is
+    None, the firmware runs in this process. `text` may then replace the content of the file.
 
-    Raises InputError with file, key and expected value, SimulationError, and LinkError for a run
-    over a connection.
+    Raises InputError with file, key and expected value. Raises SimulationError. With `over`, also
+    raises LinkError.
     """
     experiment = Path(experiment)
     command = ["forceaxis", "run", paths.display(experiment), *option_words(set=overrides)]
@@ -100,9 +101,9 @@ def run(
 
 def replay(journal: Path) -> Run:
     """Repeats a run of `axis_node` in this process, from the journal that axis_node has written.
-    `result.replay` describes the journal.
+    `result.replay` of the returned Run describes the journal.
 
-    A run longer than ten minutes has no trace, only a trace hash. Raises InputError.
+    A run that is longer than ten minutes has no trace, only a trace hash. Raises InputError.
     """
     result, header = _core.replay(str(journal))
     replayed = ReplayedJournal(
@@ -127,8 +128,8 @@ def finished(
     command: Sequence[str],
     overrides: Sequence[str] = (),
 ) -> Run:
-    """Returns the Run for a result of the compiled module. `command` contains the arguments of the
-    command that repeats the run."""
+    """Returns the Run for a result of the compiled module. `command`: arguments of the command that
+    repeats the run."""
     columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
     found = RunResult(

@@ -1,7 +1,6 @@
-"""Types of the result of a run. Their fields are the keys of the JSON output of the command
-`run`.
+"""Types of the result of a run. Their fields are the keys in the JSON output of the command `run`.
 
-Those that the compiled module gives are in _results.py, which is written from their rows in C++.
+The types of the compiled module are in _results.py. That file is generated from rows in C++.
 """
 
 from collections.abc import Mapping
@@ -30,37 +29,36 @@ Columns: TypeAlias = dict[str, Array]  # {name of a column: values of the column
 
 @dataclass(frozen=True)
 class Converter:
-    """A converter of the model, with quantity = (code - zero) * per_code in `unit`."""
+    """A converter of the model. It has quantity = (code - zero) * per_code, in `unit`."""
 
-    signal: str  # name of the quantity in the model
+    signal: str  # name of the converted quantity in the model
     unit: str
     per_code: float  # change of the quantity per code, in `unit`
-    zero: int  # code that represents 0
+    zero: int  # code for the quantity 0
     bits: int
 
     @property
     def per_8_bit_count(self) -> float:
-        """Returns the size of one count in `unit`, > 0. The range of the converter has 256
-        counts."""
+        """Returns the size of one 8-bit count in `unit`, > 0. The range of the converter has 256
+        such counts."""
         return float(abs(self.per_code) * 2 ** (self.bits - 8))
 
     @property
     def per_12_bit_code(self) -> float:
-        """Returns the size of one code of the firmware in `unit`. The range of the DAC has 4096
-        codes."""
+        """Returns the size in `unit` of one code of the firmware. The range of the DAC has 4096
+        such codes."""
         return float(self.per_code * 2 ** (self.bits - 12))
 
     @property
     def range(self) -> tuple[float, float]:
-        """Returns the smallest and the largest quantity in the range of the converter, in
-        `unit`."""
+        """Returns (smallest, largest) quantity in the range of the converter, in `unit`."""
         ends = sorted((code - self.zero) * self.per_code for code in (0, 2**self.bits - 1))
         return ends[0], ends[1]
 
 
 Converters: TypeAlias = dict[
     str, Converter
-]  # {column of codes ("encoder", "adc0", ...): converter of these codes}
+]  # {column of the trace with codes, such as "encoder": converter of these codes}
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,8 @@ class TraceHashes:
 
 @dataclass(frozen=True)
 class RecordCounts:
-    """Numbers of messages by their result (sent, repeated, dropped, ...) for each process of a run
-    over a connection."""
+    """Numbers of messages of the two processes of a run over a connection. Each process has
+    {result, such as sent, repeated or dropped: number of messages}."""
 
     plant: dict[str, int]
     axis: dict[str, int]
@@ -102,8 +100,9 @@ class LinkReport:
     real_time: float  # ratio of simulated time to elapsed time
     repeated: int  # number of messages that were sent again
     statistics: RecordCounts | None
-    interrupts: int | None = json_field(omit_none=True)  # timer interrupts of an emulated chip
-    ticks: int | None = json_field(omit_none=True)  # ticks of an emulated chip
+    # number of timer interrupts of an emulated chip
+    interrupts: int | None = json_field(omit_none=True)
+    ticks: int | None = json_field(omit_none=True)  # number of ticks of an emulated chip
     # number of ticks that the main loop of an emulated chip had not completed before the next one
     late_ticks: int | None = json_field(omit_none=True)
 
@@ -117,33 +116,33 @@ class JournalFacts:
     entries: int
     ticks: int | None  # number of ticks of the recorded run; None if the journal is incomplete
     trace_hash: str  # trace hash of the recorded run; empty if the journal is incomplete
-    traced: bool  # False if the replay has no trace, because the session is longer than ten minutes
+    traced: bool  # False if the run is longer than ten minutes; it then has no trace
 
 
 @dataclass(frozen=True)
 class ReplayedJournal(JournalFacts):
     """A journal whose run was repeated."""
 
-    same: bool  # True if replay and recorded run have equal trace hashes
+    same: bool  # True if the replay and the recorded run have equal trace hashes
 
 
 @dataclass(frozen=True)
 class PlotTable:
     """The table [plot] of an experiment."""
 
-    # names of the columns in each row of the plot
+    # names of the trace columns in each row of the plot
     rows: list[list[str]] = field(default_factory=lambda: [["encoder"], ["adc0"], ["dac"]])
-    from_s: float | None = None  # start of the plotted time in s; None selects the start of the run
-    to_s: float | None = None  # None: to the end of the run
+    from_s: float | None = None  # start of the plotted time in s; None: start of the run
+    to_s: float | None = None  # end of the plotted time in s; None: end of the run
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run: verdict, quantities of the verdict, and hashes of the inputs."""
+    """The result of a run: its verdict, the quantities of the verdict, and hashes of its inputs."""
 
     experiment: str
     title: str
-    figure: str  # figure number of the thesis; may be empty
+    figure: str  # number of the figure in the thesis; may be empty
     verdict: str | None  # verdict of the run; None if the experiment has no [verdict]
     because: list[str]  # reasons for a verdict other than "stable", as texts
     missed: list[MissedLimit]
@@ -151,16 +150,16 @@ class RunResult:
     fault: str
     refused: list[RefusedWrite]
     trace_hash: str
-    # Smallest distance in LSB of a converted value from the edge between two codes.
+    # Smallest distance of a converted value from the edge between two codes, in LSB.
     # None if no value was converted.
     edge_margin: float | None
-    ticks: int  # number of ticks
+    ticks: int  # number of ticks of the run
     events: int  # number of state changes of elements
     energy: Energy
     metrics: Metrics
     criterion: Criterion | None
     converters: Converters
-    objects: dict[str, str]  # {object of the table [trace]: unit of the object}
+    objects: dict[str, str]  # {object of the table [trace]: unit}
     inputs_hash: str
     firmware_hash: str
     objects_hash: str
@@ -172,8 +171,9 @@ class RunResult:
 
     @property
     def mark(self) -> str:
-        """Returns how pages and plots mark the run: its verdict, or NOT_HELD for a stable run that
-        misses its demanded force. Empty without a verdict."""
+        """Returns the text with which pages and plots mark the run. This is the verdict, or
+        NOT_HELD for a stable run with a large error of the controlled force. Empty without a
+        verdict."""
         held, limits = self.metrics.held_force, self.criterion
         if self.verdict != verdicts.STABLE or held is None or limits is None:
             return self.verdict or ""
@@ -183,11 +183,11 @@ class RunResult:
 
     @property
     def force_reading(self) -> Converter | None:
-        """Returns the converter ADC 0, whose quantity the firmware controls, or None if the model
-        has no ADC 0."""
+        """Returns the converter ADC 0, whose quantity the firmware controls. Returns None if the
+        model has no ADC 0."""
         return self.converters.get("adc0")
 
 
 def read_converters(given: "Mapping[str, _core.ConverterTable]") -> Converters:
-    """Returns the converters of a model by their columns of codes."""
+    """Returns the converters of a model as {column of codes: converter}."""
     return {column: Converter(**converter) for column, converter in given.items()}

@@ -1,9 +1,9 @@
-"""Runs of one experiment with many sets of values: the journal of finished runs, and the places
-that execute runs.
+"""Runs of one experiment with many sets of values. The module has the journal of finished runs, and
+the places that execute runs: threads of this process, or a cluster.
 
 Each finished run is a text line of a journal. The key of the line is a hash of the values, the
 input files, the firmware and the simulator. A run with a line in the journal is not repeated. Runs
-are executed on threads of this process or, in groups, on a Dask cluster; the order and the place of
+are executed on threads of this process or, in groups, on a Dask cluster. The order and the place of
 the runs have no effect on a result.
 """
 
@@ -24,18 +24,18 @@ from forceaxis.experiments.sweep_result import Row
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.results import to_json
 
-Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
-Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
-JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
-# function that receives (number of a job, result of _core.run_many)
+Identity: TypeAlias = dict[str, str]  # {name of a hash: hash}
+Jobs: TypeAlias = Sequence[list[str]]  # overrides of each run
+JournalLine: TypeAlias = dict[str, Any]  # JSON object in a line of the journal
+# Function that receives (number of a finished run, result of _core.run_many).
 Finished: TypeAlias = Callable[[int, "_core.RunOutcome"], None]
-# function that receives (number of finished jobs, number of all jobs)
+# Function that receives (number of finished runs, number of all runs).
 Progressed: TypeAlias = Callable[[int, int], None]
 
 
 class Outcome(Protocol):
-    """The outcome of a run that a journal keeps: a dataclass. The outcome of a failed run has only
-    the field `error`."""
+    """The outcome of a run that a journal stores: a dataclass. If the run failed, the outcome has
+    only the field `error`."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -48,7 +48,7 @@ T = TypeVar("T", bound=Outcome)
 
 
 def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
-    """Returns hashes of the common inputs of all points: experiment, model, firmware and
+    """Returns hashes of the inputs that all points have in common: experiment, model, firmware and
     simulator."""
     return {
         "inputs_hash": read_inputs(experiment, overrides).inputs_hash,
@@ -59,7 +59,7 @@ def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """One entry of the journal: one run. `outcome` contains either `error` alone or all fields of
+    """One run as an entry of the journal. `outcome` contains either only `error`, or all fields of
     the outcome except `error`."""
 
     key: str
@@ -68,17 +68,18 @@ class JournalEntry:
 
 
 class Journal(Generic[T]):
-    """File with the results of finished runs, one JSON object per text line. The program only
-    appends text lines.
+    """File with the results of finished runs, as one JSON object per text line. Text lines are only
+    appended.
 
-    The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
-    that is not a journal of these inputs is not changed. Without a path nothing is written.
+    The first text line identifies the inputs. An incomplete text line of a killed process is
+    ignored. If a file is not a journal of these inputs, it is not changed. Without a path, nothing
+    is written.
     """
 
     def __init__(
         self, path: Path | None, identity: Identity, kind: Callable[..., T], what: str = "sweep"
     ) -> None:
-        """`kind`: class of the outcomes. `what`: the command, in messages."""
+        """`kind`: class of the outcomes. `what`: name of the command in messages."""
         self.known: dict[str, T] = {}
         self.kind, self.what = kind, what
         self.file: IO[bytes] | None = None
@@ -92,8 +93,8 @@ class Journal(Generic[T]):
             raise
 
     def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
-        """Reads the runs of a journal with this identity, or writes the first text line of a new
-        journal. Raises InputError."""
+        """Reads the runs of a journal with this identity. If the journal is new, writes its first
+        text line. Raises InputError."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -105,7 +106,7 @@ class Journal(Generic[T]):
         data = file.read()
         whole = data[: data.rfind(b"\n") + 1]
         lines = [read_line(line) for line in whole.splitlines()]
-        # The file is new, or a process was killed while writing the first text line.
+        # The file is new, or a process was killed while it wrote the first text line.
         if not lines and self._line(identity).startswith(data):
             file.truncate(0)
             file.write(self._line(identity))
@@ -133,7 +134,7 @@ class Journal(Generic[T]):
         return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
 
     def add(self, key: str, values: Row, outcome: T) -> None:
-        """Adds a finished run. `values` are the values of the parameters of the run."""
+        """Adds a finished run. `values`: values of the parameters of this run."""
         self.known[key] = outcome
         if self.file:
             entry = asdict(outcome)
@@ -148,14 +149,13 @@ class Journal(Generic[T]):
             self.file.flush()
 
     def close(self) -> None:
-        """Writes buffered text lines, and releases the folder."""
+        """Writes the buffered text lines, and releases the folder for other commands."""
         if self.file:
             self.file.close()
 
 
 def read_line(line: bytes) -> JournalLine:
-    """Returns the JSON object of a text line, or an empty object if the text line contains no JSON
-    object."""
+    """Returns the JSON object in a text line. Returns an empty dict if the line contains none."""
     try:
         entry = files.json_of(line)
     except (ValueError, RecursionError):
@@ -164,14 +164,15 @@ def read_line(line: bytes) -> JournalLine:
 
 
 class Place(Protocol):
-    """Executes runs, either on threads of this process or on a cluster."""
+    """Function that executes runs, on threads of this process or on a cluster."""
 
     def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        """Executes the jobs. Calls finished() after each job, and progressed() repeatedly."""
+        """Executes the runs `jobs`. Calls finished() after each run, and progressed()
+        repeatedly."""
 
 
 class Runner(Generic[T]):
-    """Determines the outcomes of runs, either from the journal or by runs."""
+    """Returns the outcomes of runs. They come from the journal, or from new runs."""
 
     def __init__(
         self,
@@ -180,27 +181,27 @@ class Runner(Generic[T]):
         place: Place,
         outcome_of: Callable[["_core.RunOutcome"], T],
     ) -> None:
-        """`outcome_of`: function that returns the outcome of a result of _core.run_many."""
+        """`outcome_of`: function that converts a result of _core.run_many to an outcome."""
         self.outcome_of = outcome_of
         self.journal = journal
         self.salt = ":".join(identity.values())
         self.place = place
-        self.asked = 0  # number of outcomes that the Runner has returned
-        self.ran = 0  # number of runs that the journal did not contain
-        # (values, outcome) of all points
+        self.asked = 0  # number of outcomes that this object has returned
+        self.ran = 0  # number of runs that were not in the journal
+        # (values, outcome) of all runs
         self.seen: list[tuple[tuple[float, ...], T]] = []
 
     def key(self, values: Row) -> str:
-        """Returns the key of a run in the journal: hash of the inputs and of the values, sorted by
-        name."""
+        """Returns the key of a run in the journal. It is a hash of the inputs and of the values,
+        which are sorted by name."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
     def __call__(self, rows: Sequence[Row]) -> list[T]:
-        """Returns the outcomes of the rows, in the order of the rows."""
+        """Returns the outcome of a run for each of `rows`, in the same order."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
-        # The runs are sorted by model, so that the modes of each model are computed once.
+        # The runs are sorted by model, so that the modes of each model are computed only once.
         of_model = list(dict.fromkeys(name for row in rows for name in row if "." not in name))
         todo = sorted(
             missing.items(), key=lambda item: [item[1].get(n, -math.inf) for n in of_model]
@@ -265,8 +266,8 @@ class Cluster(Workers):
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
 ) -> "list[_core.RunOutcome]":
-    """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
-    different inputs than the process that has started the sweep."""
+    """Executes runs on a worker, and returns their results. Raises WorkerDiffers if the inputs of
+    the worker differ from those of the process that has started the sweep."""
     import socket
 
     where = f"worker on {socket.gethostname()}"
@@ -285,11 +286,11 @@ def run_chunk(
 
 @dataclass(frozen=True)
 class RunSite:
-    """The place that executes runs, and the folder that stores their results."""
+    """Where runs are executed, and the folder that stores their results."""
 
-    out: Path | None  # None: nothing is written
-    threads: int  # threads of this process
-    scheduler: str | None  # address of a Dask scheduler, whose workers then make the runs
+    out: Path | None  # folder for the results; None: nothing is written
+    threads: int  # number of threads of this process
+    scheduler: str | None  # address of a Dask scheduler, whose workers execute the runs
 
 
 @contextlib.contextmanager
@@ -302,8 +303,8 @@ def runner_at(
     outcome_of: Callable[["_core.RunOutcome"], T],
     what: str = "sweep",
 ) -> Iterator[Runner[T]]:
-    """Context manager with the runner of a site. The arguments are those of Journal and Runner.
-    Raises InputError if the folder contains other runs, and ParameterError for a wrong
+    """Context manager that returns the runner for `site`. The other arguments are those of Journal
+    and Runner. Raises InputError if the folder contains other runs, and ParameterError for a wrong
     scheduler."""
     with contextlib.ExitStack() as stack:
         place: Place = (

@@ -1,7 +1,7 @@
 """The result of a run as text: verdict with reasons and window, controlled force, energy balance.
 
-Forces are in N and positions in mm if the model has the converters from which the size of a count
-follows. Otherwise they are in counts: of the measured force at 8 bits, or of the encoder.
+Forces are in N and positions in mm if the model has the converters that give the size of a count.
+Otherwise forces are in 8-bit counts of the measured force, and positions in encoder counts.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from forceaxis.experiments.run_result import (
 from forceaxis.words import counted
 
 COUNTED_IN = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
-Row: TypeAlias = tuple[str, str]  # key and value of a row of text
+Row: TypeAlias = tuple[str, str]  # (key, text) of one text line
 
 
 def quantity(value: float, unit: str) -> str:
@@ -31,8 +31,8 @@ def quantity(value: float, unit: str) -> str:
 
 
 def size_of_count(what: str, converters: Converters) -> tuple[float, str] | None:
-    """Returns (size, unit) of one count of the force at 8 bits or of the position, or None if the
-    model has no converter for this quantity. `what` is "force" or "position"."""
+    """Returns (size, unit) of one 8-bit count of the force, or of one count of the position.
+    Returns None if the model has no converter for this quantity. `what`: "force" or "position"."""
     if what == "position":
         encoder = converters.get("encoder")
         return (abs(encoder.per_code), encoder.unit) if encoder else None
@@ -47,10 +47,10 @@ def ripple(
     limit: float | None = None,
     beyond: bool = False,
 ) -> str:
-    """Returns the ripple of the force or of the position as text, with the limit of [verdict].
+    """Returns the ripple of the force or of the position as text, with its limit in [verdict].
 
-    `what` is "force" or "position". `count` and `limit` are in counts. `beyond` is True if the
-    ripple exceeds the limit.
+    `what`: "force" or "position". `count` and `limit` are in counts. `beyond`: True if the ripple
+    exceeds the limit.
     """
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
@@ -67,8 +67,8 @@ def ripple(
 def reasons(
     missed: Sequence[MissedLimit], metrics: Metrics, fault: str, converters: Converters
 ) -> list[str]:
-    """Returns the reasons for a verdict other than "stable": one text for each limit that the run
-    exceeds."""
+    """Returns the reasons for a verdict other than "stable". There is one text for each limit that
+    the run exceeds."""
     return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
@@ -95,14 +95,14 @@ MISSED = {
 
 
 def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Converters) -> str:
-    """Returns text about a limit that a run exceeds, with value, bound and unit."""
+    """Returns a text about a limit that a run exceeds, with value, bound and unit."""
     limit, value, bound = missed.limit, missed.value, missed.bound
     if limit == "contact_held":
         if missed.verdict == "never_in_contact":
             return "never in contact"
         when = "start of the window" if metrics.in_contact else "end"
         return f"not in contact at the {when}"
-    if value is None:  # of settle_max_s alone
+    if value is None:  # only the limit settle_max_s has no value
         return "force not settled before the window"
     if limit in MISSED:
         held, reading = metrics.held_force, converters.get("adc0")
@@ -126,8 +126,8 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
 
 
 def reading_range(metrics: Metrics, reading: Converter) -> tuple[float, float]:
-    """Returns the smallest and the largest force in N that a run could read. A sensor that
-    saturates within the range of the converter ends the range where the reading was."""
+    """Returns the smallest and the largest force in N that a run could measure. If the sensor
+    saturates within the range of the converter, its last reading is the end of this range."""
     low, high = reading.range
     end = metrics.reading_end_N
     return (max(low, end), high) if end < 0 else (low, min(high, end or high))
@@ -138,9 +138,9 @@ def warnings(
     limited: Sequence[tuple[float, float]],
     converters: Converters,
 ) -> list[str]:
-    """Returns a warning for each force set-point outside the range of ADC 0 or above the limit of
-    the demanded force. `setpoints` are pairs (time of the change in s, N), `limited` are pairs
-    (set-point in N, its limit in N)."""
+    """Returns a warning for each force set-point that cannot be reached. It is outside of the range
+    of ADC 0, or above the limit of the demanded force. `setpoints`: (time of the change in s, force
+    in N). `limited`: (set-point in N, its limit in N)."""
     reading = converters.get("adc0")
     if not reading:
         return []
@@ -158,8 +158,8 @@ def warnings(
 
 
 def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
-    """Returns texts about the limits of [verdict] that a stable run keeps, each with the value of
-    the run."""
+    """Returns a text for each limit of [verdict] that a stable run keeps, with the value of the
+    run."""
     metrics, held, required = result.metrics, result.metrics.held_force, criterion.contact_held
     found = []
     if required:
@@ -193,7 +193,7 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
 
 
 def verdict_text(result: RunResult) -> str:
-    """Returns the verdict as text, with reasons and window."""
+    """Returns the verdict as text, with its reasons and its window."""
     if not result.verdict or not result.criterion:
         return "none, because the experiment has no table [verdict]"
     because = result.because or kept_limits(result, result.criterion)
@@ -212,8 +212,8 @@ def force_text(held: HeldForce) -> str:
 
 
 def window_text(result: RunResult) -> str:
-    """Returns ripples and contact losses in the window of the verdict, or in the last second, as
-    text."""
+    """Returns the ripples and contact losses in the window of the verdict as text. Without a
+    window, the last second of the run is used."""
     metrics, converters = result.metrics, result.converters
     seconds = result.criterion.window_s if result.criterion else 1
     rows = [
@@ -225,8 +225,7 @@ def window_text(result: RunResult) -> str:
 
 
 def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
-    """Returns the result of a run as rows (key, text). `overrides` are the texts NAME=VALUE of the
-    run."""
+    """Returns the result of a run as rows (key, text). `overrides`: texts NAME=VALUE of the run."""
     energy, metrics, margin = result.energy, result.metrics, result.edge_margin
     figure = f" (Fig {result.figure})" if result.figure else ""
     found = [("experiment", result.title + figure)]
@@ -256,7 +255,7 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
     return [*found, ("again", result.command)]
 
 
-# {value of cycle_state: reason why no cycle started}
+# {value of the object cycle_state: reason why no cycle started}
 NOT_STARTED = {
     "no_program": "the axis has no program",
     "other_bank": "the program is for another bank",
@@ -291,8 +290,8 @@ CYCLE_OUTCOMES = {
 
 
 def why_text(outcome: str, phase: str, invalid_ticks: int) -> str:
-    """Returns why a cycle ended otherwise than its program intends, and in which phase, as text.
-    phase: its name, "" if it is not known."""
+    """Returns a text that states why a cycle ended in another way than its program intends, and in
+    which phase. `phase`: name of the phase, "" if it is not known."""
     text, ticks = CYCLE_OUTCOMES.get(outcome, outcome), counted(invalid_ticks, "tick")
     where = f" in phase {phase}" if phase else ""
     if outcome == "samples_invalid":
@@ -301,8 +300,8 @@ def why_text(outcome: str, phase: str, invalid_ticks: int) -> str:
 
 
 def cycle_rows(report: CycleReport) -> list[Row]:
-    """Returns the last cycle of a run as rows (key, text): the state of the part, and the figure of
-    each element."""
+    """Returns the last cycle of a run as rows (key, text): the verdict of the part, and the figure
+    of each evaluation element."""
     state = CYCLE_STATES.get(report.state, report.state)
     if report.failed_phase:
         state += f": {why_text(report.outcome, report.failed_phase, report.invalid_ticks)}"
@@ -342,6 +341,5 @@ def link_rows(report: LinkReport) -> list[Row]:
 
 
 def describe(result: RunResult, overrides: Sequence[str] = ()) -> str:
-    """Returns the result of a run as text lines. `overrides` are the texts NAME=VALUE of the
-    run."""
+    """Returns the result of a run as text lines. `overrides`: texts NAME=VALUE of the run."""
     return "\n".join(f"{key:12} {value}" for key, value in rows(result, overrides))

@@ -1,9 +1,9 @@
-"""Runs one experiment at many points: a grid, random points, or a bisection to a stability
-boundary.
+"""Runs one experiment at many points. The points are a grid, random points, or the points of a
+bisection to a stability boundary.
 
-Each finished run is a line of FOLDER/journal.jsonl (see runner.py), and a run with a line in the
-journal is not repeated. Points run on threads of this process or, in groups, on a Dask cluster.
-"""
+Each finished run is a line of FOLDER/journal.jsonl (see runner.py). A run with a line in the
+journal is not repeated. Runs are executed on threads of this process or, in groups, on a Dask
+cluster."""
 
 import csv
 import json
@@ -62,21 +62,22 @@ class SweepRequest:
     """An experiment, and the parameters that a sweep changes."""
 
     experiment: str | Path
-    # {name: "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values}
+    # {name: "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values} of a grid
     grid: Mapping[str, GridValues] = field(default_factory=dict)
-    # {name: "FROM:TO" or "FROM:TO:log"}
+    # {name: "FROM:TO" or "FROM:TO:log"} of random points
     random: Mapping[str, str] = field(default_factory=dict)
     count: int | None = None  # number of random points
     seed: int = 0  # seed of the random points
-    bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
+    # {name: "FROM:TO:TOLERANCE"} of a bisection
+    bisect: Mapping[str, str] = field(default_factory=dict)
     overrides: Sequence[str] = ()  # texts NAME=VALUE that apply to all points of the sweep
-    # file of a posterior from which `count` points are drawn, in place of `random`
+    # file of a posterior from which `count` points are drawn instead of `random`
     over: str | None = None
-    refine: bool = False  # True if the points around each isolated point are run too
+    refine: bool = False  # True to run also the points around each isolated point
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """Returns the command line that repeats the sweep. `out` is the folder of the sweep,
-        `scheduler` is the address of a Dask scheduler."""
+        """Returns the command line that repeats the sweep. `out`: folder of the sweep. `scheduler`:
+        address of a Dask scheduler."""
         grid = [
             f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
             for name, v in self.grid.items()
@@ -131,8 +132,8 @@ def plan(request: SweepRequest) -> SweepPlan:
 
 
 def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
-    """Returns the inputs of the experiment. Raises InputError if a planned parameter cannot be
-    changed."""
+    """Returns the inputs of the experiment. Raises InputError if a sweep cannot change one of the
+    planned parameters."""
     experiment, overrides = Path(request.experiment), list(request.overrides)
     inputs = read_inputs(experiment, overrides)
     check_names(experiment, inputs, overrides, planned.swept)
@@ -155,9 +156,9 @@ def sweep(
     """Runs the experiment at every point, and writes the results to the folder `out` unless `out`
     is None.
 
-    threads: number of threads, by default one for each core. scheduler: address of a Dask scheduler
-    whose workers run the points instead of threads. Raises ParameterError or InputError for an
-    error in the request. A run that fails gives a row with the error.
+    threads: number of threads, by default one for each core. scheduler: address of a Dask
+    scheduler. Its workers then run the points instead of threads. Raises ParameterError or
+    InputError for an error in the request. A run that fails gives a row with the error.
     """
     planned = plan(request)
     inputs = checked_inputs(request, planned)
@@ -232,8 +233,8 @@ def sweep(
 def isolated_point(
     planned: SweepPlan, index: int, verdict: str, closer: Mapping[Point, PointOutcome]
 ) -> IsolatedPoint:
-    """Returns the isolated point with this index. `closer` are the outcomes of the points around
-    isolated points, or empty if these points were not run."""
+    """Returns the isolated point with the index `index`. `closer`: outcomes of the points around
+    isolated points. It is empty if these points were not run."""
     point = planned.points[index]
     if not closer:
         return IsolatedPoint(planned.row(point), verdict)
@@ -255,8 +256,8 @@ def warnings(outcomes: Sequence[PointOutcome]) -> list[str]:
 
 
 def write(done: Sweep, out: Path) -> None:
-    """Writes FILES to the folder `out`, and closer.csv if points around isolated points were run.
-    Writes either all of these files or none."""
+    """Writes FILES to the folder `out`. If points around isolated points were run, also writes
+    closer.csv. Writes either all of these files or none."""
     import pyarrow
     import pyarrow.parquet
 
@@ -305,12 +306,13 @@ def outcome_of(result: "_core.RunOutcome") -> PointOutcome:
 def boundaries(
     runner: Runner[PointOutcome], rows: Sequence[Row], search: SweepParameter
 ) -> list[Boundary]:
-    """Returns the stability boundary along the parameter of `search` for each row of values. The
-    function halves the range of `search` until the tolerance of `search` is reached."""
+    """Returns the stability boundary for each row of values. The boundary is a value of the
+    parameter `search`. The function halves the range of this parameter until its tolerance is
+    reached."""
     found = [Boundary(row) for row in rows]
 
     def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:
-        """Returns the verdict at each value, with None for a failed run."""
+        """Returns the verdict at each wanted value, or None for a failed run."""
         outcomes = runner([one.row | {search.name: value} for one, value in wanted])
         for (one, value), outcome in zip(wanted, outcomes, strict=True):
             one.runs += 1

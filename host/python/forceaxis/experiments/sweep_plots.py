@@ -22,9 +22,9 @@ from forceaxis.experiments.sweep_result import PointOutcome, Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
-# Key of AREA for a point whose run failed, and for a grid cell without a result.
+# Key of AREA for a point whose run failed, and for a cell of the grid without a result.
 FAILED = "failed"
-# Verdicts of grid cells, in the order of the verdict numbers in a colour map.
+# Verdicts of the cells of a grid, in the order of their numbers in the colour map.
 KINDS = ("unstable", "stable", "not_met", "never_in_contact")
 ISOLATED = "stands alone"  # label of an isolated point in the legend
 MARKERS = (
@@ -58,8 +58,8 @@ def sweep(done: Sweep) -> Figure:
 
 
 def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """Draws verdicts over one or two parameters, or peak forces if the experiment has no [verdict].
-    Returns the title."""
+    """Draws the verdicts over one or two parameters. Draws the peak forces instead if the
+    experiment has no [verdict]. Returns the title."""
     if len(done.plan.axes) == 1:
         over_one(ax, done, done.columns[done.plan.axes[0].name], done.outcomes)
         return "Peak contact force"
@@ -93,7 +93,7 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     kinds = averaged(done, number)
     ax.set_facecolor(AREA[FAILED])
     colours = ListedColormap([AREA[kind] for kind in KINDS])
-    # The edge of a grid cell has the colour of the cell, so that vector graphics show no gaps.
+    # The edge of a cell has the colour of the cell, so that vector graphics show no gaps.
     ax.pcolormesh(
         *edges, kinds, cmap=colours, vmin=-0.5, vmax=3.5, edgecolors="face", linewidth=0.4
     )
@@ -105,18 +105,19 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
 
 
 def verdicts_of(outcomes: Sequence[PointOutcome]) -> Array:
-    """Returns the verdicts of the outcomes, (n,), with "" for a failed run."""
+    """Returns the verdicts of the outcomes as an array (n,), with "" for a failed run."""
     return np.array([outcome.verdict for outcome in outcomes], dtype=str)
 
 
 def peaks_of(outcomes: Sequence[PointOutcome]) -> Array:
-    """Returns the peak contact forces of the outcomes in N, (n,), with nan for a failed run."""
+    """Returns the peak contact forces of the outcomes in N as an array (n,), with nan for a failed
+    run."""
     return np.array([outcome.peak_force_N for outcome in outcomes], dtype=float)
 
 
 def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
-    """Draws a ring around each isolated point, and the verdicts of further points around isolated
-    points. Returns the handles for the legend."""
+    """Draws a ring around each isolated point, and the verdicts of the further points around it.
+    Returns the handles for the legend."""
     single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
@@ -131,8 +132,8 @@ def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
 
 
 def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """Draws the stability boundary over one or two parameters, or the runs of a search without
-    other parameters. Returns the title."""
+    """Draws the stability boundary over one or two parameters. If the search has no other
+    parameters, draws the runs of the search. Returns the title."""
     search = done.plan.search
     assert search is not None
     if not done.plan.axes:
@@ -184,16 +185,16 @@ def over_one(
     outcomes: Sequence[PointOutcome],
     axis: SweepParameter | None = None,
 ) -> None:
-    """Draws the peak force over one parameter with a mark for each verdict. Failed runs are at the
-    force 0. `x` are the values of the parameter. `axis` is the parameter, by default the first
-    axis."""
+    """Draws the peak force over one parameter, with a mark for each verdict. Failed runs are drawn
+    at the force 0. `x`: values of the parameter. `axis`: the parameter, by default the first one of
+    the sweep."""
     along(ax, "x", axis or done.plan.axes[0], done)
     order = np.argsort(x)
     verdict, peak_N = verdicts_of(outcomes), peaks_of(outcomes)
     ax.plot(x[order], peak_N[order], color=INK, linewidth=0.6, zorder=1)
     shown = np.where(np.isfinite(peak_N), peak_N, 0)
     failed = ~np.isfinite(peak_N)
-    # Marks the points of an experiment that has no table [verdict].
+    # True for each point without a verdict, if the experiment has no table [verdict]
     plain = ~np.isin(verdict, VERDICTS) & ~failed
     ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
     scatter_verdicts(ax, x[~plain], shown[~plain], np.where(failed, "", verdict)[~plain], size=22)
@@ -224,7 +225,7 @@ def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
 
 
 def label_of(name: str, done: Sweep) -> str:
-    """Returns the label of a parameter: name and unit."""
+    """Returns the label of a parameter: its name and its unit."""
     room, _, key = name.partition(".")
     unit = done.result.parameters[name]
     if room == "firmware":
@@ -235,7 +236,7 @@ def label_of(name: str, done: Sweep) -> str:
 
 
 def in_newton(ax: Axes, done: Sweep) -> None:
-    """Adds a scale in N if one axis of the plot is the force set-point in counts."""
+    """Adds a scale in N if one axis of the plot is a force set-point in counts."""
     shown = [a.name for a in done.plan.axes[:2]]
     if len(shown) < 2 and done.plan.search:
         shown.append(done.plan.search.name)
@@ -268,8 +269,8 @@ def coloured(figure: Figure, ax: Axes, label: str, drawn: Collection) -> None:
 
 
 def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """Draws the legend below the axes. `handles` are the entries of the legend, by default all
-    entries of the axes."""
+    """Draws the legend below the axes. `handles`: entries of the legend, by default all entries of
+    the axes."""
     handles = handles or ax.get_legend_handles_labels()[0]
     figure = ax.figure
     assert isinstance(figure, Figure)
@@ -278,7 +279,7 @@ def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
 
 
 def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> None:
-    """Draws a legend of the visible verdicts and of further handles."""
+    """Draws a legend of the verdicts `shown` and of the further handles `more`."""
     order = (*VERDICTS, FAILED)
     handles = [
         Patch(color=AREA[kind], label=WORDS.get(kind, kind))
@@ -288,8 +289,8 @@ def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> No
 
 
 def cell_edges(axis: SweepParameter) -> Array:
-    """Returns the edges of the grid cells along one parameter, half-way between neighbouring values
-    on the scale of the parameter, (n + 1,)."""
+    """Returns the n + 1 edges of the cells of a grid along one parameter. They are half-way between
+    neighbouring values, on the scale of the parameter."""
     values = np.unique(axis.values)
     if axis.log:
         values = np.log(values)
@@ -301,8 +302,8 @@ def cell_edges(axis: SweepParameter) -> Array:
 
 
 def averaged(done: Sweep, values: Array) -> Array:
-    """Returns means of the finite values of the points in each grid cell. Rows belong to values of
-    the second parameter, columns to values of the first."""
+    """Returns the mean of the finite values of the points in each cell of a grid. Rows belong to
+    values of the second parameter, and columns to values of the first."""
     places = [
         np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.plan.axes[:2]
     ]
@@ -318,8 +319,8 @@ def averaged(done: Sweep, values: Array) -> Array:
 
 
 def boundary_edges(cells: Array, x: Array, y: Array) -> list[list[tuple[float, float]]]:
-    """Returns the sides between stable and unstable grid cells as line segments. `x` and `y` are
-    the edges of the grid cells."""
+    """Returns the sides between stable and unstable cells of a grid as line segments. `x` and `y`
+    are the edges of the cells."""
     segments = []
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=1)) == 1):
         segments.append([(x[j + 1], y[i]), (x[j + 1], y[i + 1])])

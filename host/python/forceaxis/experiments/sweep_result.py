@@ -1,4 +1,4 @@
-"""Result of a sweep: the points with runs or stability boundaries, and a summary."""
+"""Result of a sweep: the points with their runs or stability boundaries, and a summary."""
 
 import math
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from forceaxis.experiments.run_result import Columns, Converters
 from forceaxis.experiments.verdicts import STABLE
 from forceaxis.results import JsonObject, json_field, to_json
 
-Row: TypeAlias = dict[str, float]  # {name of a swept parameter: value}
+Row: TypeAlias = dict[str, float]  # {swept parameter: value}
 
 
 @dataclass(frozen=True, slots=True)
 class PointOutcome:
     """Result of the run at one point of a sweep. A failed run has only the field `error`. Each
-    field is a column of results.csv."""
+    field is a column of the file results.csv."""
 
     verdict: str = ""
     fault: str = ""
@@ -41,7 +41,7 @@ class PointOutcome:
     trace_hash: str = ""
 
 
-# Fields of a PointOutcome that have the same names in the metrics of a run.
+# Fields of a PointOutcome that have the same name in the metrics of a run.
 METRICS = tuple(
     field.name
     for field in fields(PointOutcome)
@@ -50,7 +50,7 @@ METRICS = tuple(
 
 
 def outcome_columns(outcomes: Sequence[PointOutcome]) -> Columns:
-    """Returns the outcomes as columns of the results: texts, and numbers with nan for None."""
+    """Returns the outcomes as columns of results: texts, and numbers with nan for None."""
     return {
         field.name: np.array(
             [getattr(outcome, field.name) for outcome in outcomes],
@@ -62,21 +62,21 @@ def outcome_columns(outcomes: Sequence[PointOutcome]) -> Columns:
 
 @dataclass
 class Boundary:
-    """Stability boundary at one point of a sweep: the change of the verdict along the searched
-    parameter, whose values are in the unit of the parameter."""
+    """Stability boundary at one point of a sweep: where the verdict changes along the searched
+    parameter. Values are in the unit of this parameter."""
 
     row: Row
-    stable: float = math.nan  # last stable value
+    stable: float = math.nan  # last value at which the run is stable
     unstable: float = math.nan  # nearest value beyond the boundary at which the run is not stable
     beyond: str = ""  # verdict at `unstable`
-    note: str = ""  # reason for a missing boundary
-    error: str = ""  # error of the last run that failed
+    note: str = ""  # reason why there is no boundary
+    error: str = ""  # error of the last failed run
     runs: int = 0
-    # True if the verdict changes between the values `stable` and `unstable`
+    # True while the verdict changes between the values `stable` and `unstable`
     searching: bool = False
 
     def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
-        """Sets the verdicts at the two ends of the range. None means that the run failed."""
+        """Stores the verdicts at the two ends of the range. None means that the run failed."""
         if low is None or high is None:
             return
         if (low == STABLE) == (high == STABLE):
@@ -93,7 +93,7 @@ class Boundary:
 
     @property
     def middle(self) -> float:
-        """Returns the value at which the range is halved."""
+        """Returns the value in the middle of the range."""
         return tidy((self.stable + self.unstable) / 2)
 
     def is_open(self, tolerance: float) -> bool:
@@ -105,8 +105,8 @@ class Boundary:
         )
 
     def halve(self, verdict: str | None) -> None:
-        """Halves the range by the verdict of the run in its middle. None means that this run
-        failed, so that the boundary is unknown."""
+        """Halves the range. `verdict`: verdict of the run in the middle of the range. None means
+        that this run failed. The boundary is then unknown."""
         if verdict is None:
             self.searching, self.stable, self.unstable = False, math.nan, math.nan
         elif verdict == STABLE:
@@ -117,7 +117,7 @@ class Boundary:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Points of a sweep: `axes`, a value of each axis for every point, and the parameter whose
+    """Points of a sweep: `axes`, one value of each axis for every point, and the parameter whose
     stability boundary is searched at every point, or None."""
 
     axes: list[SweepParameter]
@@ -135,25 +135,26 @@ class SweepPlan:
         return [axis.name for axis in self.axes]
 
     def row(self, point: Point) -> Row:
-        """Returns a point as {name of a parameter: value}."""
+        """Returns a point as {swept parameter: value}."""
         return dict(zip(self.names, point, strict=True))
 
     def columns(self, points: Sequence[Point]) -> Columns:
-        """Returns the values of the axes at the points as columns."""
+        """Returns the values at the points as columns, one column for each axis."""
         values = np.array(points, dtype=float).reshape(len(points), len(self.axes))
         return dict(zip(self.names, values.T.copy(), strict=True))
 
 
 @dataclass(frozen=True)
 class SweepCounts:
-    """Numbers of points and runs, and numbers of points by their results."""
+    """Numbers of points and runs, and the number of points with each result."""
 
     points: int
     runs: int
     resumed: int  # number of runs that were read from the journal
     failed: int
-    boundaries: int | None = json_field(omit_none=True)  # None without a search
-    # number of stable points; in a search, the four numbers of verdicts are None
+    # number of boundaries; None without a search
+    boundaries: int | None = json_field(omit_none=True)
+    # number of stable points; in a search, the numbers of points with each verdict are None
     stable: int | None = json_field(omit_none=True)
     unstable: int | None = json_field(omit_none=True)
     not_met: int | None = json_field(omit_none=True)
@@ -177,8 +178,8 @@ class FailedPoint:
 class IsolatedPoint:
     """A point whose verdict differs from the verdicts of all neighbours.
 
-    `around` is the number of further points that were run around the isolated point, and `alike` is
-    the number of these further points with the same stability. Both fields are None if no further
+    `around`: number of further points around the isolated point that were run. `alike`: number of
+    those among them with the same stability as the isolated point. Both are None if no further
     points were run.
     """
 
@@ -200,7 +201,7 @@ class Bounces:
 
 
 def bounces(outcomes: Sequence[PointOutcome]) -> Bounces:
-    """Returns the number of runs with contact and the number of those that lost the contact."""
+    """Returns how many runs had contact, and how many of them lost it."""
     touched = [one for one in outcomes if not one.error and one.first_contact_s is not None]
     runs, lost = len(touched), sum(bool(one.contact_losses_run) for one in touched)
     low = float(special.betaincinv(lost, runs - lost + 1, 0.025)) if lost else 0.0
@@ -214,9 +215,9 @@ class SweepResult:
 
     experiment: str
     title: str
-    parameters: dict[str, str]  # name -> unit
+    parameters: dict[str, str]  # {swept parameter: unit}
     counts: SweepCounts
-    failures: list[FailedPoint]  # first ten points whose run failed
+    failures: list[FailedPoint]  # the first ten points whose run failed
     warnings: list[str]
     refined: bool
     alone: list[IsolatedPoint]
@@ -228,31 +229,31 @@ class SweepResult:
     where: str  # number of threads that executed the runs, or address of the Dask scheduler
     seconds: float
     command: str  # command line that repeats the sweep
-    # of a sweep over a posterior
+    # contact losses of a sweep over a posterior
     bounces: Bounces | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A finished sweep: summary, and the outcome or the stability boundary of each point."""
+    """A finished sweep: its summary, and the outcome or the stability boundary of each point."""
 
     result: SweepResult
     plan: SweepPlan
     outcomes: list[PointOutcome]  # outcome of each point; empty in a search
     boundaries: list[Boundary]  # stability boundary of each point; empty without a search
-    # (value, outcome) of each run in a search without axes
+    # (value, outcome) of each run of a search without other parameters
     search_runs: list[tuple[float, PointOutcome]]
     converters: Converters  # converters of the model; empty if the sweep changes a converter
-    closer: dict[Point, PointOutcome]  # outcomes of further points around isolated points
+    closer: dict[Point, PointOutcome]  # {point: outcome} of further points around isolated points
 
     @cached_property
     def columns(self) -> Columns:
         """Returns the columns of results.csv, with one row for each point.
 
-        The columns are index, the parameters, and the fields of PointOutcome; in a search instead
-        of these boundary (last stable value), unstable_at (first value beyond the boundary that is
-        not stable), beyond (verdict there), note (reason for a missing boundary), error, runs. A
-        missing number is nan, a missing text is empty.
+        The columns are index, the parameters, and the fields of PointOutcome. In a search, they are
+        index, the parameters, boundary (last stable value), unstable_at (first value beyond the
+        boundary that is not stable), beyond (verdict there), note (reason for a missing boundary),
+        error and runs. A missing number is nan, and a missing text is empty.
         """
         found = {"index": np.arange(len(self.plan.points))} | self.plan.columns(self.plan.points)
         if not self.plan.search:
@@ -268,13 +269,13 @@ class Sweep:
 
     @property
     def closer_columns(self) -> Columns:
-        """Returns the columns of closer.csv: parameters and outcomes of `closer`."""
+        """Returns the columns of closer.csv: the parameters and outcomes of `closer`."""
         return self.plan.columns(list(self.closer)) | outcome_columns(list(self.closer.values()))
 
     @property
     def summary(self) -> JsonObject:
-        """Returns the result for JSON. The values of a point are
-        keys of the JSON object of the point."""
+        """Returns the result for JSON. In the JSON object of a point, each parameter value has a
+        key of its own."""
         failures = [_flattened(point) for point in self.result.failures]
         alone = [_flattened(point) for point in self.result.alone]
         return {**to_json(self.result), "failures": failures, "alone": alone}

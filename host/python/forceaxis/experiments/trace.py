@@ -1,4 +1,4 @@
-"""Plot and files of a run: trace as CSV and NPZ, events, plot, result."""
+"""Plot and files of a run: the trace as CSV and NPZ, its events, its plot and its result."""
 
 import contextlib
 import csv
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
 WHAT_OF_COLUMN = {"encoder": "position", "dac": "command"}
-PROFILE_FORCE = 4  # mode of operation
+PROFILE_FORCE = 4  # mode of operation "profile force"
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Returns the plot of a run, with the rows and the time range of the table [plot].
+    """Returns the plot of a run. The rows and the time range are those of the table [plot].
 
     Without this table, the plot shows position, measured force and output voltage of the whole run.
-    Objects that a run over a connection does not trace are omitted. `codes` means that codes
-    replace N, mm and V.
+    Objects are omitted if a run over a connection does not trace them. `codes`: True to show codes
+    instead of N, mm and V.
     """
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
@@ -57,7 +57,7 @@ def figure(done: Run, codes: bool = False) -> "Figure":
 
 def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
     """Returns the column `name` as a signal of a plot, for the ticks at which `inside` is True.
-    `codes` means that the plot shows codes instead of N, mm and V."""
+    `codes`: True to show codes instead of N, mm and V."""
     from forceaxis.experiments import plots
 
     values = done.columns[name][inside]
@@ -82,8 +82,8 @@ def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
 
 
 def physical(unit: str, converters: Converters) -> tuple[str, float]:
-    """Returns (physical unit, factor) of an object in counts or codes. If the model has no
-    converter for these counts or codes, returns (unit, 1)."""
+    """Returns (physical unit, factor) for an object in counts or codes. Returns (unit, 1) if the
+    model has no converter for these counts or codes."""
     kind, _, per = unit.partition("/")
     encoder, reading, dac = (converters.get(name) for name in ("encoder", "adc0", "dac"))
     if encoder and kind == "encoder count" and per in ("", "s"):
@@ -96,8 +96,8 @@ def physical(unit: str, converters: Converters) -> tuple[str, float]:
 
 
 def marks_of(done: Run) -> "plots.Marks":
-    """Returns set-points, times of contact, window of the verdict and events of a run for a
-    plot."""
+    """Returns what a plot of a run marks: set-points, times of contact, window of the verdict, and
+    events."""
     from forceaxis.experiments import plots
 
     time_s, columns = done.time_s, done.columns
@@ -125,13 +125,13 @@ def marks_of(done: Run) -> "plots.Marks":
 def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
-    """Returns (times in s, forces in N) of the force demand in mode of operation 4, in which the
-    demand follows the set-points with the slope `force_slope`.
+    """Returns (times in s, forces in N) of the force demand in mode of operation 4. In this mode,
+    the demand follows the set-points with the slope `force_slope`.
 
-    The demand is read from the trace. If the trace has no demand, the demand is computed from the
-    first contact on.
+    The demand is read from the trace. If the trace has no demand, it is computed from the first
+    contact on.
 
-    None in another mode, if the slope changes during the run, or if the run has no file.
+    Returns None in another mode, if the slope changes during the run, or if the run has no file.
     """
     from forceaxis.experiments import plots
 
@@ -151,7 +151,7 @@ def demand_of(
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:
-    """Writes all FILES or no file to the folder `out`. `codes` means that the plot shows codes
+    """Writes all FILES to the folder `out`, or no file. `codes`: True if the plot shows codes
     instead of N, mm and V. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
@@ -181,8 +181,8 @@ def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) 
 
 @contextlib.contextmanager
 def beside(work: Callable[P, None], *arguments: P.args, **options: P.kwargs) -> Iterator[None]:
-    """Context in which a child process calls work(...). The files of `work` are complete when the
-    context ends. Raises OSError if the child process could not write the files."""
+    """Context in which a child process calls work(...). When the context ends, the files of `work`
+    are complete. Raises OSError if the child process could not write them."""
     child = os.fork()
     if child == 0:
         status = 255

@@ -1,11 +1,11 @@
-"""The four verdicts as texts. The file host/run/verdict.hpp defines the meaning of each verdict."""
+"""The verdicts as texts. The file host/run/verdict.hpp defines the meaning of each verdict."""
 
 STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
-# Mark on pages and plots of a stable run whose force error exceeds HELD_ERROR_MAX_PERCENT.
-# The mark is for experiments whose [verdict] has no limit of the force error.
+# Pages and plots mark a stable run so if its force error exceeds HELD_ERROR_MAX_PERCENT.
+# This applies only to experiments whose [verdict] has no limit of the force error.
 NOT_HELD = "not_held"
 HELD_ERROR_MAX_PERCENT = 25.0
 
@@ -15,6 +15,6 @@ MARK_WORDS = {**WORDS, NOT_HELD: "stable, force not held"}
 
 
 def stability(verdict: str) -> str:
-    """Returns "stable" for the verdict "stable", and "unstable" for every other verdict. For an
-    empty text, returns the empty text."""
+    """Returns "stable" for the verdict "stable", and "unstable" for every other verdict. Returns an
+    empty text for an empty text."""
     return "unstable" if verdict in NOT_STABLE else verdict

@@ -10,16 +10,15 @@ from forceaxis.errors import ParameterError
 
 
 class WorkerDiffers(Exception):
-    """Error: a worker has a different version of forceaxis, or different files, than this
-    process."""
+    """Error: a worker has another version of forceaxis, or other files, than this process."""
 
 
 class Workers:
-    """The workers of a Dask scheduler, for use in a `with` statement. The work of a lost worker is
-    repeated on a different worker."""
+    """The workers of a Dask scheduler, for use in a `with` statement. If a worker is lost, another
+    worker repeats its work."""
 
     def __init__(self, address: str) -> None:
-        """`address`: tcp://HOST:PORT. Raises ParameterError."""
+        """`address`: tcp://HOST:PORT of the Dask scheduler. Raises ParameterError."""
         try:
             import distributed
         except ImportError:
@@ -70,8 +69,9 @@ class Workers:
     def results(
         self, function: Callable[..., Any], calls: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any]]:
-        """Calls a function on the workers, with each of the arguments `calls`. Yields (number of
-        the call, result) as the calls end. Raises InputError, ParameterError, SimulationError."""
+        """Calls a function on the workers, once with each of the arguments `calls`. Yields (number
+        of the call, its result) as soon as a call ends. Raises InputError, ParameterError,
+        SimulationError."""
         futures = {
             self.client.submit(function, *call, pure=False): i for i, call in enumerate(calls)
         }
