@@ -181,7 +181,8 @@ class Grid:
         worst plant at 0.97 times the largest gain. With `ramp`, the bandwidth of a law is reduced
         if the force does not follow this ramp. floors_Hz: one bandwidth for each law. If the
         bandwidth of a law is below it, the evaluation may end early, with values that are too
-        large. Both values are 0 for a law that the firmware cannot store."""
+        large. Both values are 0 for a law that the firmware cannot store.
+        """
         return self.core.evaluate(
             numbers, bounds.core, ramp, floors_Hz, COEFFICIENT_MAX, self.threads
         )

@@ -3,7 +3,8 @@ bisection to a stability boundary.
 
 Each finished run is a line of FOLDER/journal.jsonl (see runner.py). A run with a line in the
 journal is not repeated. Runs are executed on threads of this process or, in groups, on a Dask
-cluster."""
+cluster.
+"""
 
 import csv
 import json

@@ -1,1 +1,1 @@
-"""Co-simulation units (FMUs) of plants and firmware, for the simulators of others."""
+"""Co-simulation units (FMUs) of plants and firmware, for use in other simulators."""

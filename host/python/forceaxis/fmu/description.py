@@ -1,7 +1,7 @@
 """Writes modelDescription.xml of a co-simulation unit for FMI 2.0 and 3.0.
 
-The variables come from the compiled unit, so a value reference is the place of a variable in the
-list that the library of the unit uses itself.
+The variables come from the compiled unit. So the value reference of a variable is its index in the
+list of variables that the library of the unit uses itself.
 """
 
 import re
@@ -16,9 +16,9 @@ from forceaxis._results import UnitVariable
 Version = Literal["2.0", "3.0"]
 LIBRARY = "forceaxis_fmu"  # file name of the library, without suffix
 STEP_S = 1 / TICKS_PER_SECOND
-STOP_S = 10.0  # end time that an importer of the unit proposes for its experiment
+STOP_S = 10.0  # end time in s that an importer of the unit proposes for a simulation
 
-# Exponents of the SI base units of the symbols in the units of models and objects.
+# {symbol in the units of models and objects: exponents of the SI base units}
 SYMBOLS = {
     "kg": {"kg": 1},
     "m": {"m": 1},
@@ -43,7 +43,7 @@ FACTORS = {"mN": 1e-3, "uN": 1e-6, "ms": 1e-3, "us": 1e-6, "tick": STEP_S}
 
 @dataclass(frozen=True)
 class Variable(UnitVariable):
-    """A variable of a unit, and what modelDescription.xml says of it."""
+    """A variable of a unit, and what modelDescription.xml states about it."""
 
     @property
     def has_start(self) -> bool:
@@ -57,15 +57,15 @@ class Variable(UnitVariable):
 
     @property
     def variability(self) -> str:
-        """The variability of the variable in FMI. A quantity of the plant is continuous, an integer
-        and a value of the firmware change at ticks."""
+        """The variability of the variable in FMI. A quantity of the plant is continuous. Integers
+        and values of the firmware change only at ticks."""
         if self.role in ("fixed", "tunable"):
             return self.role
         in_plant = not self.name.startswith(("axis.", "law.", "recorder.", "drive."))
         return "continuous" if self.type == "real" and in_plant else "discrete"
 
     def start_text(self) -> str:
-        """The start value in XML."""
+        """The start value as text for XML."""
         if self.type == "boolean":
             return str(bool(self.start)).lower()
         return repr(self.start) if self.type == "real" else str(int(self.start))
@@ -77,12 +77,12 @@ class About:
 
     name: str  # name of the model
     description: str
-    token: str  # identifies the files of one FMU
+    token: str  # text that identifies the files of one unit
 
 
 def base_unit(unit: str) -> dict[str, str] | None:
-    """Returns the attributes of BaseUnit, such as {"kg": "1", "m": "1", "s": "-2"} for "N", or None
-    for a unit with counts or codes, which SI does not have."""
+    """Returns the attributes of BaseUnit, such as {"kg": "1", "m": "1", "s": "-2"} for "N". Returns
+    None for a unit with counts or codes, because SI has no such units."""
     exponents: dict[str, int] = {}
     factor, sign = 1.0, 1
     for part in re.findall(r"[^\s*/()]+|/", unit):
@@ -120,7 +120,8 @@ def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         if variable.role == "independent" and version == "2.0":
-            # FMI 3.0 requires the time; some importers of FMI 2.0 do not know it as a variable
+            # FMI 3.0 requires the time as a variable, but some importers of FMI 2.0 do not accept
+            # it.
             continue
         write.variable(listed, reference, variable)
     write.structure(root, [i for i, v in enumerate(variables) if v.role == "output"])
@@ -138,8 +139,8 @@ def _units(root: ET.Element, variables: Sequence[Variable]) -> None:
 
 
 def _common(variable: Variable, reference: int) -> dict[str, str]:
-    """Returns the attributes that both versions have. An integer has no unit in FMI, so its unit is
-    in the description."""
+    """Returns the attributes that a variable has in both versions of FMI. An integer has no unit in
+    FMI, so its unit is in the description."""
     has_words = variable.unit and variable.type != "real"
     unit = f" ({variable.unit})" if has_words else ""
     return {
@@ -152,8 +153,8 @@ def _common(variable: Variable, reference: int) -> dict[str, str]:
 
 
 class _Fmi2:
-    """FMI 2.0: elements Real, Integer, Boolean; the structure has the places of variables from 1
-    on."""
+    """FMI 2.0. A variable is an element Real, Integer or Boolean. The structure refers to a
+    variable by its position from 1 on."""
 
     capabilities = {  # noqa: RUF012
         "canHandleVariableCommunicationStepSize": "false",
@@ -177,7 +178,7 @@ class _Fmi2:
     def start_text(self, variable: Variable) -> str:
         if variable.type != "uint32" or variable.start < 1 << 31:
             return variable.start_text()
-        return str(int(variable.start) - (1 << 32))  # the same 32 bits
+        return str(int(variable.start) - (1 << 32))  # the signed integer with the same 32 bits
 
     def structure(self, root: ET.Element, outputs: Sequence[int]) -> None:
         structure = ET.SubElement(root, "ModelStructure")
@@ -188,7 +189,7 @@ class _Fmi2:
 
 
 class _Fmi3:
-    """FMI 3.0: an element for each type; the structure has value references."""
+    """FMI 3.0. Each type has an element of its own. The structure refers to value references."""
 
     capabilities = {  # noqa: RUF012
         "canHandleVariableCommunicationStepSize": "false",

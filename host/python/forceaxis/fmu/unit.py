@@ -1,5 +1,5 @@
-"""Writes the co-simulation unit (FMU) of a plant or of a firmware: a ZIP file of the description,
-the compiled library and the resources from which the library makes the unit."""
+"""Writes the co-simulation unit (FMU) of a plant or of a firmware. It is a ZIP file with the
+description, the compiled library, and the resources from which the library makes the unit."""
 
 import hashlib
 import platform
@@ -19,21 +19,21 @@ from forceaxis.fmu.description import About, Variable, Version
 from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
-LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # others: MACHINE-linux
-# Objects that are variables of a unit; all other objects concern buses and boards.
+LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # other machines: MACHINE-linux
+# Objects of these parts are variables of a unit. All other objects concern buses and boards.
 PARTS = ("axis", "law", "recorder", "drive")
-NODE_ID = 1  # of a unit, which is on no bus
+NODE_ID = 1  # node id of the firmware in a unit, which is on no bus
 WRITTEN = (1980, 1, 1, 0, 0, 0)  # date of all files, so that equal units have equal bytes
 
 
 @dataclass(frozen=True)
 class Written:
-    """A unit that was written."""
+    """Description of a unit that was written."""
 
     file: Path
-    version: str  # of FMI
-    kind: str  # "plant" or "firmware"
-    source: str  # model, experiment or parameter file; "" for a firmware with its defaults
+    version: str  # version of FMI
+    kind: str  # kind of the unit: "plant" or "firmware"
+    source: str  # file of the model, experiment or parameters; "" for default values
     inputs: int
     outputs: int
     parameters: int
@@ -42,9 +42,9 @@ class Written:
 def write_plant(
     source: Path, overrides: Mapping[str, float | str], version: Version, out: Path
 ) -> Written:
-    """Writes the unit of the plant of a model, or of the model of an experiment with the values and
-    the seed of the experiment. `overrides` are new values of its parameters. Raises InputError and
-    OSError."""
+    """Writes the unit of the plant of a model. If `source` is an experiment, the unit has its
+    model, its values and its seed. `overrides`: new values of parameters of the model. Raises
+    InputError and OSError."""
     model, values, seed = source, dict(overrides), 0
     content = toml.read(source)
     if "model" in content:
@@ -70,9 +70,10 @@ def write_firmware(
     version: Version,
     out: Path,
 ) -> Written:
-    """Writes the unit of the firmware with the objects, events and program of an experiment, with
-    the parameters of a parameter file, or with its defaults. `inputs` are names of objects that
-    are inputs of the unit. Raises InputError and OSError."""
+    """Writes the unit of the firmware. If `source` is an experiment, the firmware has its objects,
+    events and program. If it is a parameter file, the firmware has these parameters. If it is None,
+    the objects have their defaults. `inputs`: names of objects that are inputs of the unit. Raises
+    InputError and OSError."""
     for name in inputs:
         _expect_input(name)
     facts: dict[str, Any] = {
@@ -161,7 +162,7 @@ def _token(
 
 
 def _variables(resources: Mapping[str, bytes]) -> list[Variable]:
-    """Returns the variables of the unit that the library makes from these resources."""
+    """Returns the variables of the unit that the library makes from the resources `resources`."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in resources.items():
             (Path(folder) / name).write_bytes(content)

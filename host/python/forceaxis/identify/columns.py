@@ -11,7 +11,7 @@ from forceaxis import files
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Reals
 
-# largest permitted number in a CSV file, so that no sum of squares overflows
+# Largest permitted number in a CSV file, so that no sum of squares overflows.
 LARGEST_NUMBER = 1e100
 
 
@@ -32,8 +32,8 @@ def header_of(path: Path | str) -> list[str]:
 
 
 def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
-    """Returns the columns with these names from a CSV file, (n,) each. Raises InputError with file,
-    line and column."""
+    """Returns the columns with the names `names` from a CSV file, each as an array (n,). Raises
+    InputError with file, line and column."""
     rows = rows_of(path)
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in names:

@@ -22,18 +22,19 @@ from forceaxis.identify.setup import is_number
 from forceaxis.results import to_json
 
 WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
-# smallest half width of the confidence interval of a logarithm that causes a warning
+# Smallest half width of the 95 % interval of a logarithm that causes a warning.
 WARNED_HALF_WIDTH = math.log(2)
-# Smallest ratio of the singular values of the normalised Jacobian.
-# With a smaller ratio, the parameters are not distinguishable.
+# Smallest ratio of the singular values of the normalised Jacobian at which parameters are
+# distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
-LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect of a parameter
-# probability of chi-square below which other start values are tried and the fit is rejected
+LEAST_EFFECT = 1e-9  # a smaller relative change of the response is not an effect of a parameter
+# If chi-square has a smaller probability, other start values are tried and the fit is rejected.
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of further start values of the search
-# Fields of a Measurement that are arrays, by the names of the arrays in the file response.npz.
+# Fields of a Measurement that are arrays. The arrays have the same names in response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
-# half width of the search range of a logarithm: a factor of 20 above and below the start value
+# Half width of the range in which a logarithm is searched. It is a factor of 20 above and below
+# the start value.
 SEARCH_RANGE = 3.0
 
 
@@ -41,11 +42,13 @@ SEARCH_RANGE = 3.0
 class ParameterFit:
     """Result of the fit of p parameters to a measured response with n frequencies.
 
-    `starts` and `values` (p,) are the start values and fitted values in SI units. `covariance`
-    (p, p) is the covariance of the logarithms of the parameters. `single` and `joint` (p,) are half
-    widths of 95 % intervals of the logarithms. The true value of one parameter is between
-    value exp(-single) and value exp(single) with a probability of 0.95. The true values of all
-    parameters are within value exp(+-joint) at the same time with at least this probability.
+    `starts`, `values` (p,): start values and fitted values in SI units. `covariance` (p, p):
+    covariance of the logarithms of the parameters. `single`, `joint` (p,): half widths of 95 %
+    intervals of the logarithms.
+
+    The true value of one parameter is between value exp(-single) and value exp(single) with a
+    probability of 0.95. The true values of all parameters are within value exp(+-joint) at the same
+    time with at least this probability.
     """
 
     names: tuple[str, ...]
@@ -54,7 +57,7 @@ class ParameterFit:
     single: Reals
     joint: Reals
     covariance: Reals
-    #: sum with a chi-square distribution of `dof` degrees of freedom for a correct model
+    #: sum of the fit; for a correct model, its chi-square distribution has `dof` degrees of freedom
     chi_square: float
     dof: int  #: 2 n - p
     points: int  #: n
@@ -63,24 +66,24 @@ class ParameterFit:
 
     @property
     def p_value(self) -> float:
-        """Returns the probability that chi-square is at least as large for a correct model."""
+        """Returns the probability that a correct model has at least this chi-square."""
         return chi_square_tail(self.chi_square, self.dof)
 
     @property
     def rejected(self) -> bool:
-        """True if no values of the parameters explain the measured response. Then `values` are the
-        best fit, but not the parameters of the plant, and the intervals are invalid."""
+        """True if no values of the parameters explain the measured response. `values` are then the
+        best fit, but not the parameters of the plant. The intervals are then invalid."""
         return self.p_value < REJECTED_BELOW
 
     @property
     def correlation(self) -> Reals:
-        """Returns the correlation matrix of the estimates, (p, p)."""
+        """Returns the correlation matrix of the estimates, an array (p, p)."""
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     def distance(self, values: ArrayLike) -> float:
         """Returns the distance of `values` (p,) from the fitted values, relative to the joint 95 %
-        region of the parameters: below 1 inside the region, 1 at the edge of the region."""
+        region of the parameters. It is below 1 inside this region, and 1 at its edge."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -88,10 +91,10 @@ class ParameterFit:
 
 
 class FitProblem:
-    """The least-squares problem of a fit: residuals as functions of the logarithms of the
+    """The least-squares problem of a fit. Its residuals are functions of the logarithms of the
     parameters.
 
-    p parameters, n frequencies; `start` (p,) are the logarithms of the start values.
+    There are p parameters and n frequencies. `start` (p,): logarithms of the start values.
     """
 
     def __init__(self, measured: Measurement, starts: Mapping[str, float]) -> None:
@@ -99,16 +102,16 @@ class FitProblem:
         self.names = tuple(starts)
         self.start: Reals = np.log(np.array(list(starts.values()), float))
         relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-        # no point has a larger weight than a point with a relative error of a tenth
+        # No point has a larger weight than a point with a relative error of a tenth.
         self.weights: Reals = 1 / np.hypot(relative, 0.1)
 
     def model(self, logarithms: Reals) -> Complexes:
-        """Returns the response of the model, (n,)."""
+        """Returns the response of the model, an array (n,)."""
         values = np.exp(logarithms).tolist()
         return self.measured.predict(dict(zip(self.names, values, strict=True)))
 
     def jacobian(self, logarithms: Reals, step: float = 1e-5) -> Complexes:
-        """Returns the derivatives of the response, (n, p), from central differences."""
+        """Returns the derivatives of the response, an array (n, p), from central differences."""
         steps = step * np.eye(len(self.names))
         return np.stack(
             [(self.model(logarithms + d) - self.model(logarithms - d)) / (2 * step) for d in steps],
@@ -116,17 +119,17 @@ class FitProblem:
         )
 
     def coarse(self, logarithms: Reals) -> Reals:
-        """Returns the residuals of the logarithm of the ratio of measured and predicted response,
-        (2 n,).
+        """Returns 2 n residuals: the logarithm of the ratio of measured and predicted response, as
+        real and imaginary parts.
 
-        A search with these residuals also converges if the resonances of model and measurement do
+        A search with these residuals converges even if the resonances of model and measurement do
         not overlap yet.
         """
         ratio = np.log(self.measured.response / self.model(logarithms))
         return as_real(np.asarray(ratio * self.weights, complex))
 
     def likelihood(self, logarithms: Reals) -> Reals:
-        """Returns the residuals whose sum of squares is the chi-square of fit(), (2 n,)."""
+        """Returns the 2 n residuals whose sum of squares is the chi-square of fit()."""
         measured = self.measured
         error = (measured.response - self.model(logarithms)) / np.sqrt(measured.variance)
         square = np.maximum(abs(error) ** 2, 1e-30)
@@ -134,8 +137,8 @@ class FitProblem:
         return as_real(np.asarray(error * size, complex))
 
     def search(self, begin: Reals) -> optimize.OptimizeResult:
-        """Searches the best logarithms: first with the coarse residuals, which converge from
-        distant start values, then with the likelihood."""
+        """Searches for the best logarithms. The first search uses the residuals of coarse(), which
+        converge from distant start values. The second search uses those of likelihood()."""
         low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
         options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
@@ -144,8 +147,8 @@ class FitProblem:
 
     def best(self, degrees: int, tries: int) -> optimize.OptimizeResult:
         """Returns the best result of several searches. The first search begins at the start values.
-        If the first result does not explain the data, up to `tries` further searches begin at other
-        start values."""
+        If its result does not explain the data, up to `tries` further searches begin at other start
+        values."""
         best = self.search(self.start)
         enough = chi_square_bound(REJECTED_BELOW, degrees)
         scatter = np.random.default_rng(0).uniform(-1, 1, (tries, len(self.start)))
@@ -158,8 +161,8 @@ class FitProblem:
         return best
 
     def expect_effects(self, where: str) -> None:
-        """Raises InputError for a parameter that does not change the response, and for parameters
-        of which only a combination changes the response."""
+        """Raises InputError for a parameter that does not change the response. Also raises it for
+        parameters of which only a combination changes the response."""
         J, measured = self.jacobian(self.start), self.measured
         influence = abs(J).max(0) / abs(self.model(self.start)).max()
         for name, size in zip(self.names, influence, strict=True):
@@ -173,7 +176,7 @@ class FitProblem:
 
 
 def as_real(values: NDArray[np.complex128]) -> Reals:
-    """Returns the real parts, followed by the imaginary parts."""
+    """Returns an array with the real parts, followed by the imaginary parts."""
     return np.concatenate([values.real, values.imag])
 
 
@@ -185,21 +188,23 @@ def fit(
 ) -> ParameterFit:
     """Fits parameters of a model to a measured frequency response.
 
-    measured: a `Measurement`, whose `predict` is the model. starts: {parameter: start value > 0};
-    the search varies the logarithms of these parameters. Other parameters have the values of
-    `measured.overrides`. tries: number of other start values for a fit that does not explain the
-    data. where: name of the measurement in errors.
+    measured: a `Measurement`, whose method `predict` is the model. starts: {parameter: start value
+    > 0}. The search varies the logarithms of these parameters. All other parameters have the values
+    of `measured.overrides`. tries: number of further searches, with other start values, if the fit
+    does not explain the data. where: name of the measurement in errors.
 
-    With z = |response - model|^2 / variance, where the variance is itself estimated from dof
-    complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
-    2 dof ln(1 + z / dof). This sum has a chi-square distribution with 2 degrees of freedom for each
-    point. The fit minimises the sum by least squares (trust region), and the minimum is also the
-    test of the fit. Information matrix: with T = dof variance + |response - model|^2, the sum of
-    2 dof^2 / (dof + 1) Re(J* J) / T, whose mean over T is correct. The covariance grows with the
-    chi-square if the model does not explain the data.
+    With z = |response - model|^2 / variance, minus twice the log likelihood is (dof + 1) / dof
+    times the sum of 2 dof ln(1 + z / dof). This is so because the variance is itself estimated,
+    from dof complex residuals. The sum has a chi-square distribution with 2 degrees of freedom for
+    each point. The fit minimises the sum by least squares (trust region), and the minimum is also
+    the test of the fit.
 
-    Raises InputError for too few points, for a parameter that does not change the response and for
-    parameters of which only a combination changes the response.
+    The information matrix is the sum of 2 dof^2 / (dof + 1) Re(J* J) / T, with T = dof variance +
+    |response - model|^2. Its mean over T is correct. If the model does not explain the data, the
+    covariance grows with the chi-square.
+
+    Raises InputError for too few points, and for a parameter that does not change the response.
+    Also raises it for parameters of which only a combination changes the response.
     """
     for name, value in starts.items():
         if not (math.isfinite(value) and value > 0):
@@ -240,7 +245,7 @@ def fit(
 
 
 def warnings_of(found: ParameterFit) -> list[str]:
-    """Returns texts of warnings about a fit."""
+    """Returns the texts of all warnings about a fit."""
     warnings = []
     if found.p_value < 1 - CONFIDENCE:
         warnings.append(
@@ -270,8 +275,8 @@ def warnings_of(found: ParameterFit) -> list[str]:
 
 
 def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
-    """Raises InputError with the names of parameters of which only a combination changes the
-    response."""
+    """Raises InputError if only a combination of some parameters changes the response. The error
+    names these parameters."""
     _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
     if size[-1] < LEAST_SINGULAR_RATIO * size[0]:
         together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
@@ -285,8 +290,8 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 @dataclass(frozen=True)
 class ResponseSettings:
     """Values that replace the recorded values of a Measurement. None means that the recorded value
-    is used. A CSV file needs `output`, `averages` and `dt`, because a CSV file does not contain
-    these values."""
+    is used. For a CSV file, `output`, `averages` and `dt` are required, because the file does not
+    contain them."""
 
     input: str | None = None
     output: str | None = None
@@ -295,7 +300,7 @@ class ResponseSettings:
     modes: dict[str, str] | None = None
 
     def replaced(self) -> dict[str, str | float | dict[str, str]]:
-        """Returns the keys whose value is not None."""
+        """Returns {field: value} of all fields that are not None."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -305,12 +310,12 @@ def read_response(
     overrides: linear.Overrides | None = None,
     settings: ResponseSettings | None = None,
 ) -> Measurement:
-    """Reads the Measurement in the folder of a measurement (or its response.npz), or in a CSV
+    """Returns the Measurement from the folder of a measurement (or its response.npz), or from a CSV
     file.
 
-    A CSV file has the columns frequency_hz, magnitude and phase_deg or real and imag, and
-    coherence. `overrides`, {parameter: value}, is added to the recorded parameters. Raises
-    InputError.
+    A CSV file has the columns frequency_hz and coherence. It also has the columns magnitude and
+    phase_deg, or real and imag. `overrides`: {parameter: value}, added to the recorded parameters.
+    Raises InputError.
     """
     path, settings = Path(path), settings or ResponseSettings()
     file = path / "response.npz" if path.is_dir() else path
@@ -336,8 +341,7 @@ def read_response(
 
 
 def checked(measured: Measurement, file: Path) -> Measurement:
-    """Checks all fields of a Measurement, and returns the Measurement. Raises InputError for a
-    wrong field."""
+    """Checks all fields of a Measurement, and returns it. Raises InputError for a wrong field."""
 
     def expect(good: bool | np.bool_, key: str, text: str) -> None:
         if not good:
@@ -391,8 +395,8 @@ T = TypeVar("T")
 def response_of_csv(
     file: Path, model: str, overrides: linear.Overrides, settings: ResponseSettings
 ) -> Measurement:
-    """Returns the Measurement of a CSV file. The variance of the response is (1 - c) |H|^2 / (c
-    (averages - 1)) with the coherence c. Raises InputError."""
+    """Returns the Measurement of a CSV file. With the coherence c, the variance of the response is
+    (1 - c) |H|^2 / (c (averages - 1)). Raises InputError."""
 
     def required(value: T | None, key: str) -> T:
         if value is None:
@@ -462,8 +466,8 @@ def starts_of(
 class FittedParameter:
     """A fitted parameter in `unit`, with two 95 % intervals (low, high).
 
-    `interval` is valid for this parameter alone, `joint_interval` for all parameters together. Both
-    intervals are None if the model is rejected.
+    `interval` is valid for this parameter alone, and `joint_interval` for all parameters together.
+    Both intervals are None if the model is rejected.
     """
 
     value: float
@@ -475,9 +479,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit for JSON. `set` contains the fitted values as
-    overrides of the command line; `set` is None if the model is rejected or the search has not
-    converged."""
+    """A ParameterFit for JSON. `set`: fitted values as overrides of the command line. It is None if
+    the model is rejected, or if the search has not converged."""
 
     model: str
     input: str
@@ -494,7 +497,7 @@ class FitSummary:
 
 
 def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, str]) -> FitSummary:
-    """Returns the summary of a fit. `units` is {parameter: unit}."""
+    """Returns the summary of a fit. `units`: {parameter: unit}."""
 
     def interval(value: float, half: float) -> tuple[float, float] | None:
         if found.rejected:

@@ -1,21 +1,22 @@
 """Signal analyzer in simulation: measures frequency responses of the simulated axis (thesis
 sections 3.1.1, 3.2).
 
-The excitation is a voltage of the drive, with a smaller sampling period than the controller, or DAC
-codes from the excitation mode of the running firmware. Two signals are recorded. The response from
-one to the other and its error are estimated (H1) and compared with the linear model.
+The excitation is either a voltage of the drive, with a smaller sampling period than that of the
+controller, or DAC codes from the excitation mode of the running firmware. Two signals are recorded.
+The response from one to the other is estimated (H1) with its error, and compared with the linear
+model.
 
 Each realisation of the excitation (another noise sequence or phase) is periodic. It is applied
-until the transient of the previous one has decayed; then one whole period is recorded. Without
-leakage between lines, the residuals of H1 over the realisations consist of noise alone and
-determine the error of the response:
+until the transient of the previous one has decayed. Then one whole period is recorded, so there is
+no leakage between spectral lines. The residuals of H1 over the realisations therefore consist of
+noise alone, and determine the error of the response:
 
     H = sum U* Y / sum |U|^2,   variance = sum |Y - H U|^2 / ((K - 1) sum |U|^2),
     |H - true|^2 / variance follows F(2, 2 (K - 1)),    K realisations
 
-(circular complex noise; Pintelon and Schoukens, System Identification, 2.5). The converters of the
-analyzer add the noise of their triangular dither, with the variance q^2 / 4 for a step of q. The
-codes of the firmware have no added noise, only their rounding.
+This holds for circular complex noise (Pintelon and Schoukens, System Identification, 2.5). The
+converters of the analyzer add the noise of their triangular dither. Its variance is q^2 / 4 for a
+step of q. The codes of the firmware have no added noise, only their rounding error.
 """
 
 import math
@@ -33,19 +34,19 @@ from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.setup import CODES, Setup, SetupTable, read_setup
 
 TRANSIENT_SHARE = 1e-8  # share of a transient that may remain at the start of a recording
-FIRST_HANN_LINE = 3  # number of the lowest spectral line that is used with a Hann window
-MOST_STEPS = 20_000_000  # most steps of a measurement
-MOST_PARTS = 64  # most steps of the plant in a tick
+FIRST_HANN_LINE = 3  # number of the lowest used spectral line with a Hann window
+MOST_STEPS = 20_000_000  # largest number of time steps of a measurement
+MOST_PARTS = 64  # largest number of time steps of the plant in a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
-# list of (spectral lines, input and output at these lines as an array (averages, 2, samples))
+# List of (spectral lines, input and output at these lines as an array (averages, 2, samples)).
 Records = list[tuple[Lines, Reals]]
 
 
 class ExcitedPlant:
-    """A plant with one kind of excitation. Applies the excitation and records two signals."""
+    """A plant with one kind of excitation. It applies the excitation and records two signals."""
 
-    wave: Reals  # excitation in V: one period, or with a window the complete excitation
+    wave: Reals  # excitation in V: one period, or all segments with a window
 
     def __init__(
         self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
@@ -86,17 +87,16 @@ class ExcitedPlant:
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
-        """Prepares the next realisation of the excitation. The next call of play() starts this
-        realisation. `line` is the number of the spectral line of a sine; None means an excitation
-        that is not a sine."""
+        """Prepares the next realisation of the excitation, which the next call of play() starts.
+        `line`: number of the spectral line of a sine, or None for another excitation."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
             return
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # The rounding error depends on the amplitude.
-            # With a single amplitude, the rounding error would not increase the variance.
+            # The rounding error depends on the amplitude. If all realisations had the same
+            # amplitude, the rounding error would not increase the variance.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -104,8 +104,8 @@ class ExcitedPlant:
             self.started = True
 
     def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
-        """Returns the next realisation of the excitation in V: one period without a window, all
-        segments with a window."""
+        """Returns the next realisation of the excitation in V. It is one period. With a window
+        function, it is all segments."""
         from scipy import fft, signal
 
         setup, count = self.setup, self.samples
@@ -129,8 +129,8 @@ class ExcitedPlant:
         return np.asarray(setup.level * np.sin(2 * np.pi * turns))
 
     def play(self, count: int) -> Reals:
-        """Applies the excitation for `count` samples. Returns input and output, (2, count), in the
-        units of the linear model."""
+        """Applies the excitation for `count` samples. Returns input and output as an array (2,
+        count), in the units of the linear model."""
         try:
             if self.setup.inject == "volts":
                 volts = np.resize(self.wave, count) + self.setup.bias
@@ -168,10 +168,10 @@ def unstable(where: str, text: str) -> InputError:
 
 
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
-    """Converts values as the analyzer does, and returns (rounded values, step).
+    """Converts values as the converters of the analyzer do. Returns (rounded values, step).
 
-    The range of the converter is the smallest of 1, 2, 5 times 10^n that contains the values. With
-    the triangular dither, the error of rounding is noise with the variance step^2 / 4.
+    The range of a converter is the smallest of 1, 2, 5 times 10^n that contains the values. With
+    the triangular dither, the rounding error is noise with the variance step^2 / 4.
     """
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
@@ -184,8 +184,8 @@ def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals
 
 
 def settling_steps(system: linear.System, where: str) -> int:
-    """Returns the number of samples after which a transient has decayed, from the slowest pole.
-    Raises InputError."""
+    """Returns the number of samples after which a transient has decayed. The slowest pole
+    determines this number. Raises InputError."""
     poles = system.poles()
     size = abs(poles)
     if size.max(initial=0) > 1 + 1e-7:
@@ -194,7 +194,7 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
             "the excited axis is unstable; change the parameters, or measure with open contacts"
         )
-    # Marks poles of integrators; the drift of an integrator is removed from the recordings.
+    # True for the poles of integrators. The drift of an integrator is removed from the recordings.
     still = abs(poles - 1) < 1e-7
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
@@ -212,11 +212,11 @@ def measure(
 ) -> Measurement:
     """Measures a frequency response of the simulated axis and returns a Measurement.
 
-    target: a measurement file (path, or stem of a file in sim/measurements: "fig3_9"), or a model
-    (path or stem). options: {key: value} of Setup, which replace keys of a file; "set" contains
-    parameters {name: value} of both plant and model. plant_set: {name: value} of the plant only,
-    not of the linear model. Raises InputError for a wrong set-up and for a plant that cannot be
-    measured.
+    target: a measurement file or a model. A measurement file is a path, or the name of a file in
+    sim/measurements without suffix ("fig3_9"). options: {key of Setup: value}, which replace keys
+    of the file. Its key "set" has parameters {name: value} of both plant and model. plant_set:
+    {name: value} of parameters of the plant alone, not of the linear model. Raises InputError for a
+    wrong set-up and for a plant that cannot be measured.
     """
     setup, where = read_setup(target, options)
     return measure_setup(setup, where, plant_set)
@@ -225,8 +225,8 @@ def measure(
 def measure_setup(
     setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
-    """Measures a frequency response as measure() does, with a Setup. `where` is the name of the
-    set-up in error messages."""
+    """Measures a frequency response as measure() does, from a Setup. `where`: name of the set-up in
+    error messages."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
@@ -286,13 +286,13 @@ def measure_setup(
 
 def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     """Returns (number of samples in a tick, number of samples of a recording, numbers of the
-    measured spectral lines). Raises InputError."""
+    spectral lines that are measured). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        # At least ten samples in the shortest period.
-        # The zero-order hold then shifts the phase by up to 18 degrees.
+        # The shortest period has at least ten samples.
+        # The zero-order hold then shifts the phase by at most 18 degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
@@ -331,8 +331,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
 def settling_of(
     setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
-    """Returns (number of samples after which a transient has decayed, True if the plant integrates,
-    so that the output drifts). Raises InputError."""
+    """Returns (number of samples after which a transient has decayed, True if the output drifts).
+    The output drifts if the plant integrates. Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,
@@ -349,8 +349,8 @@ def settling_of(
                 "choose another signal"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    # The changed plant may settle later than the nominal plant.
-    # If the changed plant is unstable, the excitation reports an error.
+    # The plant with changed parameters may settle later than the nominal plant.
+    # If it is unstable, the excitation reports an error.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
@@ -367,8 +367,8 @@ def record_periods(
     """Records one period of each realisation. For a sine, records one period at each spectral line.
     Returns [(spectral lines, array (averages, 2, samples))].
 
-    The output of an integrating plant drifts with the mean of the excitation, by the same distance
-    in each period; this ramp is removed.
+    The output of an integrating plant drifts with the mean of the excitation. The drift is equal in
+    each period, and is removed as a ramp.
     """
     setup, n = bench.setup, bench.samples
     sets: list[tuple[Lines, int | None]] = [(np.array([line]), line) for line in lines]
@@ -381,7 +381,7 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            # If a contact opens and closes, the range of the signals may increase once by chance.
+            # If a contact opens and closes, the range of the signals may once increase by chance.
             if grown(before, now):
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
@@ -395,8 +395,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """Returns the factor by which the range of a signal has grown since the previous period, or
-    None for a factor below 1.5."""
+    """Returns the factor by which the range of a signal has grown since the previous period.
+    Returns None for a factor below 1.5."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -405,8 +405,8 @@ def grown(before: Reals, now: Reals) -> float | None:
 def record_segments(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """Records noise that is not periodic, in segments that overlap by half and have a Hann window.
-    Returns [(spectral lines, array (averages, 2, samples))]."""
+    """Records noise that is not periodic. It is recorded in segments that overlap by half and have
+    a Hann window. Returns [(spectral lines, array (averages, 2, samples))]."""
     from scipy import signal
 
     setup, n = bench.setup, bench.samples
@@ -434,8 +434,8 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """Returns the Measurement `done` with results from the recordings: response (H1), coherence,
-    variance, and standard deviation due to quantisation."""
+    """Returns the Measurement `done` with the results from the recordings `chunks`: response (H1),
+    coherence, variance, and standard deviation due to quantisation."""
     from scipy import fft
 
     coherence, variance, floor = np.empty((3, len(lines)))
@@ -454,7 +454,7 @@ def estimate(
                 record, step = converter(record, setup.bits, rng)
                 factor = 4
             spectra.append(fft.rfft(record, axis=-1)[:, used])
-            power = 0.375 if setup.window == "hann" else 1.0  # mean power of the window
+            power = 0.375 if setup.window == "hann" else 1.0  # mean power of the window function
             noise.append(step**2 / factor * count * power)
         U, Y = spectra
         here = slice(place, place + len(used))

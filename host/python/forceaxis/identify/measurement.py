@@ -1,4 +1,5 @@
-"""A measured frequency response: error, characteristic values, and comparison with a model."""
+"""A measured frequency response: its error, its characteristic values, and its comparison with a
+model."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -15,16 +16,16 @@ from forceaxis.results import json_field
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-# probability with which each confidence interval and band contains the true value
+# Probability with which each confidence interval or band contains the true value.
 CONFIDENCE = 0.95
-COHERENT = 0.9  # coherence above which a point of the response is treated as coherent
-# largest relative spread of the amplitudes in an octave at which the magnitude is constant
+COHERENT = 0.9  # a point of the response is coherent above this coherence
+# The magnitude is constant in an octave up to this relative spread of its amplitudes.
 FLAT_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Test that tells if the response of a model agrees with a measured response."""
+    """Test whether the response of a model agrees with a measured response."""
 
     points: int  # number of frequencies
     coherent: int  # number of coherent points, with a coherence above 0.9
@@ -38,10 +39,11 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredCurve:
-    """A measured response from one folder, and the comparison with the model.
+    """A measured response from one folder, and its comparison with the model.
 
-    The fields magnitude, phase, `radius` of the 95 % band (unit of the magnitude) and coherence
-    belong to `frequency_hz`, (n,) each. The phase is within 180 degrees of the phase of the model.
+    The fields magnitude, phase, radius and coherence are arrays (n,) over `frequency_hz`. `radius`
+    is that of the 95 % band, in the unit of the magnitude. The phase is within 180 degrees of the
+    phase of the model.
     """
 
     folder: str
@@ -55,7 +57,7 @@ class MeasuredCurve:
 
 @dataclass(frozen=True)
 class PhaseCrossing:
-    """A frequency at which the phase crosses 0 or 180 degrees. `phase_deg` is 0 or 180."""
+    """A frequency at which the phase crosses 0 or 180 degrees. `phase_deg`: 0 or 180."""
 
     frequency_hz: float
     phase_deg: int
@@ -68,7 +70,7 @@ class Readings:
     low_gain: float  #: magnitude at the lowest frequency, in the unit of the response
     low_hz: float  #: the lowest frequency
     plateau: bool  #: True if the magnitude is constant in the first octave
-    #: frequency at which the magnitude is 3 dB below `low_gain`; None without a constant magnitude
+    #: frequency at which the magnitude is 3 dB below `low_gain`; None if `plateau` is False
     corner_hz: float | None
     phase_crossings: list[PhaseCrossing]
 
@@ -79,15 +81,16 @@ class Measurement:
     `dt` seconds.
 
     The excitation is constant between samples. A simulated signal at sample k is the value just
-    after the new excitation acts; the codes of the firmware (adc0, adc1, encoder) are converted
-    just before. Therefore y[k] = C x[k] + D u[k], or C x[k] + D u[k-1] for codes. The exact model
-    of the measured response is the plant sampled with zero-order hold, `predict()`.
+    after the new excitation acts. The codes of the firmware (adc0, adc1, encoder) are converted
+    just before that. Therefore y[k] = C x[k] + D u[k], but y[k] = C x[k] + D u[k-1] for codes. The
+    exact model of the measured response is the plant sampled with a zero-order hold, as in
+    `predict()`.
 
-    The errors of the n points are independent, and the error of `response` at each point has a
-    circular complex normal distribution. `variance` estimates the variance of this error from `dof`
-    complex residuals, so that |response - true|^2 / variance follows F(2, 2 dof). With a window,
-    neighbouring points have common noise, and leakage is included in the noise; confidence bands
-    and tests are then conservative.
+    The errors of the n points are independent. The error of `response` at each point has a circular
+    complex normal distribution. `variance` is an estimate of the variance of this error from `dof`
+    complex residuals. So |response - true|^2 / variance follows F(2, 2 dof). With a window
+    function, neighbouring points have common noise, and the noise includes leakage. Confidence
+    bands and tests are then conservative.
     """
 
     frequency_hz: Reals  #: (n,) ascending frequencies, > 0, below 1 / (2 dt)
@@ -95,48 +98,48 @@ class Measurement:
     coherence: Reals  #: (n,) ordinary coherence of input and output, 0..1
     #: (n,) variance of the complex response, E |response - true|^2, in the square of the unit
     variance: Reals
-    #: (n,) standard deviation that quantisation alone causes, in the unit of the response
+    #: (n,) standard deviation due to quantisation alone, in the unit of the response
     floor: Reals
-    #: complex degrees of freedom of `variance`: averages - 1, fewer with overlap of segments
+    #: complex degrees of freedom of `variance`: averages - 1, or fewer if segments overlap
     dof: float
     averages: int
-    input: str  #: input: a signal of the model ("drive.command": V), or "dac_code"
-    #: output: a signal of the model, "adc0", "adc1" (8-bit counts) or "encoder" (counts)
+    input: str  #: name of the input: a signal of the model ("drive.command": V), or "dac_code"
+    #: name of the output: a signal of the model, "adc0", "adc1" (8-bit counts), "encoder" (counts)
     output: str
-    unit: str  #: of the response
+    unit: str  #: unit of the response
     dt: float  #: sampling period in s, 1 / (1500 n) with an integer n
-    #: excitation: "volts" (plant alone) or "codes" (through the firmware, dt = 1/1500 s)
+    #: excited input: "volts" (plant alone) or "codes" (through the firmware, dt = 1/1500 s)
     inject: str
     model: str  #: path of the model file that was measured
-    overrides: linear.Overrides  #: nominal parameters, which `predict()` uses without arguments
-    free: bool = False  #: contacts apart
-    scale: float = 1.0  #: factor of the output
-    #: window function: "none", or "hann", with which neighbouring frequencies mix
+    overrides: linear.Overrides  #: nominal parameters; `predict()` uses them by default
+    free: bool = False  #: True if contacts are open
+    scale: float = 1.0  #: factor by which the output is multiplied
+    #: window function: "none" or "hann"; with "hann", neighbouring frequencies mix
     window: str = "none"
     resolution_hz: float = 0.0  #: distance between spectral lines in Hz, 1 / length of a recording
-    band_hz: tuple[float, float] = (0.0, math.inf)  #: that was excited
+    band_hz: tuple[float, float] = (0.0, math.inf)  #: excited frequencies
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range
     #: {element: {state: share of the measured time}} of elements that switch, such as contacts
     states: dict[str, dict[str, float]] = field(default_factory=dict)
-    #: {element: state} for `predict()` without contacts, such as the linear range of an amplifier
+    #: {element: state} for `predict()` except contacts, such as the linear range of an amplifier
     modes: dict[str, str] = field(default_factory=dict)
-    #: relative decrease of H1 because of the converter's noise in the input
+    #: relative decrease of H1 due to the converter's noise in the input
     input_bias: float = 0.0
-    #: period and delay of the encoder's positions in samples, if a bus brings them. The input is
-    #: then the command that the drive applies, in place of the DAC code of the firmware.
+    #: period and delay of the encoder's positions in samples, if a bus transmits them. The input is
+    #: then the command that the drive applies, and not the DAC code of the firmware.
     positions: tuple[int, int] = (1, 0)
-    #: mean age of a reading of the force in samples, and the width of the range of ages, if the
-    #: sensor has a clock of its own
+    #: mean age of a reading of the force in samples, and width of the range of ages. They apply to
+    #: a sensor with a clock of its own.
     ages: tuple[float, float] = (0.0, 0.0)
-    #: order of the sinc filter of the converter of that sensor, 0 for none. Its samples have the
-    #: period of the range of ages.
+    #: order of the sinc filter of that sensor's converter, 0 without a filter. The period of its
+    #: samples is the width of the range of ages.
     sinc_order: int = 0
 
     def predict(
         self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
     ) -> Complexes:
-        """Returns the response of the linear model between the same two signals with the same
-        sampling, (n,) complex.
+        """Returns the complex response (n,) of the linear model between the same two signals, with
+        the same sampling.
 
         overrides: {parameter: value} that replace nominal values. Raises InputError.
         """
@@ -145,8 +148,9 @@ class Measurement:
         if self.window == "none":
             x, y = self._signals(system, frequency)
             return np.asarray(self.scale * y / x)
-        # Expected value of H1 with a window W: sum |W|^2 X* Y / sum |W|^2 |X|^2 near a frequency
-        offset = np.arange(-48, 49) / 8 + 1e-9  # in lines; 1e-9 avoids 0 / 0
+        # The expected value of H1 with a window W is sum |W|^2 X* Y / sum |W|^2 |X|^2 near a
+        # frequency.
+        offset = np.arange(-48, 49) / 8 + 1e-9  # in spectral lines; 1e-9 avoids 0 / 0
         near = frequency[:, None] + offset * self.resolution_hz
         weight = (np.sinc(offset) / (1 - offset**2)) ** 2
         weight = weight * ((near >= self.band_hz[0]) & (near <= self.band_hz[1]))
@@ -156,8 +160,8 @@ class Measurement:
         return np.asarray(self.scale * mean)
 
     def _signals(self, system: linear.System, frequency: Reals) -> Complexes:
-        """Returns the linear responses of the two measured signals to the excitation of the
-        plant."""
+        """Returns the linear responses from the excitation of the plant to the two measured
+        signals."""
         values: Complexes = system.response(frequency).reshape(len(frequency), 2).T
         late = np.exp(-2j * np.pi * frequency * self.dt) - 1
         for row, name in enumerate((self.input, self.output)):
@@ -175,31 +179,31 @@ class Measurement:
         return values
 
     def _held(self, frequency: Reals) -> Complexes:
-        """Returns the response of a position that arrives once in a period and is late. The axis
-        moves too little above half the rate of the period for an alias to show."""
+        """Returns the response of a position that arrives late and once in a period. Aliases are
+        not included, because the axis moves too little above half the rate of the period."""
         period, late = self.positions
         back = np.exp(-2j * np.pi * frequency * self.dt)  # 1/z
         return np.asarray((back[:, None] ** (late + np.arange(period))).mean(1))
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
-        """Returns the radius of the confidence band, (n,), in the unit of the response. The true
-        response is within this distance with the probability `share`."""
+        """Returns the radius of the confidence band as an array (n,), in the unit of the response.
+        The true response is within this distance with the probability `share`."""
         return np.asarray(np.sqrt(self.variance * f_bound(share, 2, 2 * self.dof)))
 
     def random_error(self) -> Reals:
-        """Returns the relative standard deviation of the magnitude, (n,), from the coherence:
-        sqrt((1 - coherence) / (2 averages coherence)) (Bendat and Piersol)."""
+        """Returns the relative standard deviation of the magnitude as an array (n,). It follows
+        from the coherence: sqrt((1 - coherence) / (2 averages coherence)) (Bendat and Piersol)."""
         shown = np.maximum(self.coherence, 1e-12)
         return np.asarray(np.sqrt((1 - self.coherence) / (2 * (self.dof + 1) * shown)))
 
     def compare(self, model: Complexes | None = None) -> Comparison:
-        """Tests if the response of a model agrees with the measured response. `model` is (n,), by
-        default predict().
+        """Tests whether the response of a model agrees with the measured response. `model`:
+        response (n,) of the model, by default predict().
 
         The test uses all points together. With F = |response - model|^2 / variance, the sum of
-        2 dof log(1 + F / dof) has a chi-square distribution with 2 degrees of freedom for each
-        point if the model is correct. It is Fisher's sum of the logarithms of the p-values of the
-        points, and is here the likelihood ratio.
+        2 dof log(1 + F / dof) has a chi-square distribution if the model is correct. There are 2
+        degrees of freedom for each point. This is Fisher's sum of the logarithms of the p-values of
+        the points, and here also the likelihood ratio.
         """
         model = self.predict() if model is None else model
         ratio = abs(self.response - model) ** 2 / self.variance
@@ -217,8 +221,8 @@ class Measurement:
         )
 
     def readings(self) -> Readings:
-        """Returns the characteristic values: gain at the lowest frequency, corner frequency, and
-        frequencies at which the phase crosses 0 or 180 degrees.
+        """Returns the characteristic values of the response: the gain at the lowest frequency, the
+        corner frequency, and the frequencies at which the phase crosses 0 or 180 degrees.
 
         There is a corner frequency only if the magnitude is constant in the first octave.
         """
@@ -234,8 +238,8 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        # Noise about 0 or 180 degrees is not a crossing.
-        # A crossing needs points with a clear distance from 0 or 180 degrees.
+        # Noise around 0 or 180 degrees is not a crossing.
+        # A crossing needs points at a clear distance from 0 or 180 degrees.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
         a, f = self.response.imag[clear], frequency[clear]
         crossings: list[PhaseCrossing] = []
@@ -248,7 +252,7 @@ class Measurement:
 
 def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System:
     """Returns the linear model of a measurement, sampled with the period of the measurement. The
-    input is the command of the drive or the DAC code, the outputs are the two measured signals."""
+    input is the command of the drive or the DAC code. The outputs are the two measured signals."""
     plain = [
         "drive.command" if name == "dac_code" else name
         for name in (measured.input, measured.output)

@@ -1,4 +1,4 @@
-"""Measured responses together with the model's response between the same signals."""
+"""Measured responses, and the model's responses between the same signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from forceaxis.linear.curves import BodeCurve, PlantBode
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredBode(PlantBode):
-    """Responses of a model, and measured responses between the same signals. `of` is "measured"."""
+    """Responses of a model, and measured responses between the same signals. `of`: "measured"."""
 
     measured: list[MeasuredCurve]
 
@@ -27,11 +27,11 @@ def overlay(
     overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> tuple[list[curves.Curve], MeasuredBode]:
-    """Returns (curves of the model, result) of measured responses between the same signals.
+    """Returns (curves of the model, result) for measured responses between the same signals.
 
-    model: a path or stem. folders: of measurements. overrides: {parameter:
-    value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
-    the plant have a model curve each. Raises InputError.
+    model: a path, or the file name without suffix. folders: folders of measurements. overrides:
+    {parameter: value}. span_hz: range of the curves, limited by the sampling. For each state of the
+    plant in the measurements, there is one curve of the model. Raises InputError.
     """
     model = linear.find_model(model)
     measured = [(str(folder), read_response(folder, model, overrides)) for folder in folders]
@@ -76,7 +76,7 @@ def overlay(
 
 
 def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
-    """Returns the model's response between the signals of `measured`, with narrow steps of
+    """Returns the model's response between the signals of `measured`, with small steps of the
     frequency."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])

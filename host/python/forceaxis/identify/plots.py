@@ -1,5 +1,5 @@
-"""Plots of measured responses with the response of the linear model, also before and after a
-fit."""
+"""Plots of measured responses, with the response of the linear model. After a fit, the plots show
+the model before and after it."""
 
 import math
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ from forceaxis.linear.curves import Curve, PlantBode
 def response(
     measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
 ) -> Figure:
-    """Returns the plot of a measured response: magnitude with the 95 % band, phase and coherence
-    over frequency. `model` is the complex response of the linear model at the same frequencies, or
+    """Returns the plot of a measured response: magnitude with the 95 % band, phase, and coherence
+    over frequency. `model`: complex response of the linear model at the same frequencies, or
     None."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
@@ -43,7 +43,8 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
-    # the axis has a smallest range, so that a nearly constant magnitude looks constant
+    # The range of the axis is at least a decade, so that a nearly constant magnitude looks
+    # constant.
     if high < 10 * low:
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
@@ -77,10 +78,10 @@ def response(
 
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
-    """Returns the plot of a measured response with the 95 % band, and of the model before and after
-    a fit, as magnitude and phase.
+    """Returns a plot of magnitude and phase. It shows a measured response with its 95 % band, and
+    the model before and after a fit.
 
-    `start` and `fitted` are complex responses of the model at the same frequencies.
+    `start`, `fitted`: complex responses of the model at the same frequencies.
     """
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
@@ -98,7 +99,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     ):
         axes[0].loglog(f, abs(values), linestyle, color=color, label=label, **THIN)
         degrees = np.degrees(np.angle(values))
-        # No line is drawn where the phase changes from -180 to 180 degrees.
+        # No line is drawn where the phase jumps between -180 and 180 degrees.
         degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
         axes[1].semilogx(f, degrees, linestyle, color=color, **THIN)
     axes[0].set_ylabel(

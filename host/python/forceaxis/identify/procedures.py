@@ -1,7 +1,7 @@
-"""Identifies parameters from recordings, each parameter with a 95 % confidence interval.
+"""Identifies parameters from recordings. Each parameter has a 95 % confidence interval.
 
-These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the values of its Figures
-4.4 and 4.26. The module `fit` fits parameters of a model to a frequency response instead.
+These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the values in its Figures
+4.4 and 4.26. The module `fit` instead fits parameters of a model to a frequency response.
 """
 
 import math
@@ -19,22 +19,22 @@ from forceaxis.identify.columns import header_of, read_columns
 from forceaxis.identify.distributions import t_bound
 from forceaxis.identify.measurement import CONFIDENCE, Reals
 
-LEAST_CYCLES = 3  # fewest periods of a ring-down
-# smallest number of samples of a ring-down; fewer samples of noise may resemble a ring-down
+LEAST_CYCLES = 3  # smallest number of periods of a ring-down (a decaying free vibration)
+# Smallest number of samples of a ring-down. Fewer samples of noise may resemble a ring-down.
 LEAST_SAMPLES = 30
-# start values for the ratio of decay rate to angular frequency
+# Start values of the ratio of decay rate to angular frequency.
 START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
-# amplitude at the start of the evaluated ring-down, as a share of the largest amplitude
+# Amplitude at the start of the evaluated ring-down, as a share of the largest amplitude.
 START_SHARE = 0.9
-# smallest share of the variance of a recording that the fitted ring-down has to explain
+# Smallest share of the variance of a recording that the fitted ring-down has to explain.
 LEAST_EXPLAINED = 0.5
-# A warning follows if the residuals at the mode exceed white noise by this ratio of densities.
+# A warning follows above this ratio: noise density near the vibration to that of white noise.
 WARNED_NOISE_RATIO = 4
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and the half width of the 95 % confidence interval of the value, in `unit`."""
+    """A value and the half width of its 95 % confidence interval, both in `unit`."""
 
     value: float
     half: float
@@ -51,7 +51,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class EstimateWithInterval:
-    """A value in `unit` and the two ends of the 95 % confidence interval. None replaces a number
+    """A value in `unit`, and the two ends of its 95 % confidence interval. None stands for a number
     that is not finite."""
 
     value: float | None
@@ -60,13 +60,13 @@ class EstimateWithInterval:
 
 
 def finite(number: float) -> float | None:
-    """Returns the number, or None if JSON cannot represent the number."""
+    """Returns `number`, or None if it is not finite, because JSON cannot represent it then."""
     return float(number) if math.isfinite(number) else None
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Returns the estimate of a function of independent estimates. The square of the half width is
-    the sum of the squared contributions of all estimates. `unit` is the unit of the function."""
+    """Returns the estimate of a function of independent estimates. The square of its half width is
+    the sum of the squared contributions of all estimates. `unit`: unit of the function."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -78,11 +78,11 @@ def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = 
 def regression(
     columns: Reals, values: Reals, weights: Reals | None = None
 ) -> list[tuple[float, float]]:
-    """Linear least squares of values (n,) on columns (n, p). The `weights` (n,) are 1 / standard
-    deviation.
+    """Linear least squares of `values` (n,) on `columns` (n, p). `weights` (n,): 1 / standard
+    deviation of each value.
 
     Returns [(coefficient, half width of its 95 % interval)]. The half widths follow from the
-    residuals by Student's distribution with n - p degrees of freedom.
+    residuals, by Student's distribution with n - p degrees of freedom.
     """
     weights = np.ones(len(values)) if weights is None else weights
     A, y = columns * weights[:, None], values * weights
@@ -95,16 +95,16 @@ def regression(
 
 @dataclass(frozen=True)
 class RingDown:
-    """Parameters of a mode from a recorded free vibration."""
+    """Parameters of a mode of vibration from a recorded free vibration."""
 
     cycles: int  #: number of periods of the vibration that were evaluated
-    damped_frequency: Estimate  #: 1 / period, Hz
+    damped_frequency: Estimate  #: frequency 1 / period of the vibration, in Hz
     natural_frequency: Estimate  #: frequency of the mode without damping, in Hz
-    decrement: Estimate  #: logarithm of the ratio of two amplitudes with a distance of one period
+    decrement: Estimate  #: logarithm of the ratio of two amplitudes one period apart
     damping_ratio: Estimate  #: damping ratio by the formula of the thesis, decrement / (2 pi)
-    #: exact damping ratio, decrement / sqrt(4 pi^2 + decrement^2)
+    #: exact damping ratio: decrement / sqrt(4 pi^2 + decrement^2)
     damping_ratio_exact: Estimate
-    #: ln(first amplitude / last amplitude), divided by the number of periods between the two
+    #: ln(first amplitude / last amplitude), divided by the number of periods between them
     decrement_of_ratio: float
     explained: float  #: share of the variance of the recording that the fit explains, 0..1
     noise: float  #: standard deviation of the residual, in the unit of the signal
@@ -112,8 +112,8 @@ class RingDown:
 
 
 def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
-    """Returns the columns (n, 4) of a regression: cosine and sine with the envelope e^(-rate t),
-    offset, drift. `rate` is in 1/s, `omega` in rad/s."""
+    """Returns the columns (n, 4) of a regression: cosine and sine with the envelope e^(-rate t), an
+    offset, and a drift. `rate`: in 1/s. `omega`: in rad/s."""
     envelope, ones = np.exp(-rate * time_s), np.ones(len(time_s))
     return np.stack(
         [envelope * np.cos(omega * time_s), envelope * np.sin(omega * time_s), ones, time_s], 1
@@ -123,10 +123,11 @@ def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
 def fit_damped_sine(
     time: Reals, values: Reals, starts: Sequence[tuple[float, float]]
 ) -> optimize.OptimizeResult:
-    """Fits a damped sine to values (n,) at times (n,) that begin at 0, by least squares. Returns
-    the result of SciPy, whose x contains rate (1/s), omega (rad/s) and 4 coefficients.
+    """Fits a damped sine to `values` (n,) at the times `time` (n,), which begin at 0, by least
+    squares. Returns the result of SciPy, whose x contains rate (1/s), omega (rad/s) and 4
+    coefficients.
 
-    starts: start values (rate, omega), of which the best is used.
+    starts: start values (rate, omega). The best of them is used.
     """
 
     def linear_part(start: tuple[float, float]) -> tuple[float, list[float]]:
@@ -151,8 +152,8 @@ def fit_damped_sine(
 
 
 def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
-    """Returns the amplitudes of the periods that begin at the times `starts` in s. Each amplitude
-    is the magnitude of the Fourier coefficient at `omega` (in rad/s) over one period."""
+    """Returns the amplitudes of the periods that begin at the times `starts` in s. An amplitude is
+    the magnitude of the Fourier coefficient at `omega` (in rad/s) over one period."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
@@ -162,8 +163,8 @@ def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) ->
 
 
 def likely_frequencies(time: Reals, values: Reals) -> Reals:
-    """Returns the angular frequencies of the three highest peaks of the spectrum in rad/s. The
-    steps of time may be unequal."""
+    """Returns the angular frequencies in rad/s of the three highest peaks of the spectrum. The
+    times need not be equally spaced."""
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
@@ -175,17 +176,19 @@ def likely_frequencies(time: Reals, values: Reals) -> Reals:
 def ring_down(
     time_s: Reals, values: Reals, floor: float = 0.05, where: Path | str = "ring-down"
 ) -> RingDown:
-    """Returns frequency and logarithmic decrement of a free vibration with any offset and slow
-    drift.
+    """Returns the frequency and the logarithmic decrement of a free vibration. The recording may
+    have any offset and a slow drift.
 
-    time_s (n,): rising times. values (n,): in any unit. where: name of the record in errors. A
-    damped sine is fitted to the record from the largest amplitude down to the fraction `floor`
-    (0 to 1) of this amplitude. The confidence intervals are those of least squares with white
-    noise. If the noise density near the frequency of the vibration is larger, for example because
-    of another mode, the intervals follow from this density. They include at least twice the
-    variance of the rounding by a converter. The result also contains the decrement that follows
-    from the amplitudes of the first and the last period, as read from a plot. Raises InputError
-    for fewer than 3 periods and for a record that one damped sine does not explain.
+    time_s (n,): rising times. values (n,): values in any unit. where: name of the recording in
+    errors. A damped sine is fitted to the recording, from the largest amplitude down to the
+    fraction `floor` (0 to 1) of this amplitude.
+
+    The confidence intervals are those of least squares with white noise. If the noise density near
+    the frequency of the vibration is larger, for example because of another mode, the intervals
+    follow from this density. They include at least twice the variance of the rounding by a
+    converter. The result also contains the decrement from the amplitudes of the first and the last
+    period, as one reads it from a plot. Raises InputError for fewer than 3 periods, and for a
+    recording that one damped sine does not explain.
     """
     _expect_samples(time_s, where)
     frequencies, unit = likely_frequencies(time_s, values), float(np.std(values))
@@ -278,10 +281,11 @@ def _expect_samples(time_s: Reals, where: Path | str) -> None:
 
 
 def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
-    """Returns the time in s at which the free vibration begins: the largest amplitude.
+    """Returns the time in s at which the evaluation of a free vibration begins. This is the time of
+    the largest amplitude.
 
-    If the recording begins earlier, the time is a quarter of a period later, because the excitation
-    may last half of a period.
+    If the recording begins before the largest amplitude, the result is a quarter of a period later,
+    because the excitation may last half a period.
     """
     period = 2 * math.pi / omega
     begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
@@ -293,21 +297,21 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Returns three variances of a sample and a flag: variance by white noise, by noise near the
-    frequency of the vibration, and by rounding.
+    """Returns three variances of a sample, and a flag. The variances are those of white noise, of
+    noise near the frequency of the vibration, and of rounding.
 
     The flag is True if the second variance is clearly larger than the first.
 
-    residuals (n,): of the fit, without unit. freedom: degrees of freedom of the residuals. turned:
-    phase of the vibration in rad over the record. values: the record. unit: divisor that made the
-    values dimensionless.
+    residuals (n,): residuals of the fit, without unit. freedom: degrees of freedom of the
+    residuals. turned: phase in rad by which the vibration advances over the recording. values: the
+    recording. unit: divisor that made the values dimensionless.
     """
     n = len(residuals)
     white = float(np.sum(residuals**2) / freedom)
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    # The fit of four parameters of the vibration reduces the degrees of freedom.
+    # The four fitted parameters of the vibration reduce the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise causes errors of the amplitude that the residuals do not contain.
     # Twice the variance of rounding, step^2 / 12, covers these errors.
@@ -339,11 +343,11 @@ def mode_parameters(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> ModeParameters:
-    """Returns mass (kg), stiffness (N/m) and damping (N s/m) of a mode from the frequency, the
-    damping ratio, and either the mass or the stiffness of the mode.
+    """Returns mass (kg), stiffness (N/m) and damping (N s/m) of a mode of vibration. They follow
+    from the frequency and damping ratio of the mode, and from either its mass or its stiffness.
 
-    `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
-    b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
+    `frequency_hz`: natural frequency. `damping_ratio`: exact damping ratio. k = m w^2, b = 2 zeta
+    sqrt(k m) (4.4.3 to 4.4.6).
     """
     if mass is not None and stiffness is None:
         stiffness = propagate(
@@ -372,7 +376,7 @@ def mode_parameters(
 class Split:
     """Masses in kg of the two bodies that a spring connects."""
 
-    #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen solution first
+    #: both solutions ((m_r1, m_r2), (m_r1, m_r2)); the chosen solution is the first
     solutions: tuple[tuple[Estimate, Estimate], tuple[Estimate, Estimate]]
     locked: tuple[
         Estimate, Estimate
@@ -381,12 +385,12 @@ class Split:
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
-    """Returns the two masses m_r1 and m_r2 at the ends of a spring from their sum m (kg), the
-    stiffness k (N/m) and the frequency w / (2 pi) (Hz) at which both masses vibrate freely: m_r1 +
-    m_r2 = m, w^2 = k m / (m_r1 m_r2).
+    """Returns the two masses m_r1 and m_r2 at the ends of a spring. They follow from their sum m
+    (kg), the stiffness k (N/m), and the frequency w / (2 pi) (Hz) at which both masses vibrate
+    freely: m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2).
 
-    As in the thesis, the first solution is the one in which the actuator has more than half of the
-    mass, m_r1 > m_r2. Raises InputError if no real masses solve the equations.
+    As in the thesis, the actuator has more than half of the mass (m_r1 > m_r2) in the first
+    solution. Raises InputError if no real masses solve the equations.
     """
 
     def larger(m: float, k: float, f: float) -> float:
@@ -430,10 +434,10 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 def regression_of(
     path: Path | str, x: str, y: str, offset: bool = False, units: tuple[str, str] = ("", "")
 ) -> list[Estimate]:
-    """Returns the estimates [slope], or with `offset` [slope, offset], of column y over x of a CSV
-    file.
+    """Returns the estimates of the straight line y over x through two columns of a CSV file:
+    [slope], or [slope, offset] with `offset`.
 
-    Raises InputError for fewer than 3 rows (4 with offset) or if x is equal in all rows.
+    Raises InputError for fewer than 3 rows (4 with offset), or if x is equal in all rows.
     """
     at, values = read_columns(path, [x, y])
     fewest = 4 if offset else 3
@@ -460,10 +464,11 @@ def motor_damping(
     resistance: Estimate,
     where: Path | str = "motor",
 ) -> Estimate:
-    """Returns the damping b_m (N m s/rad) of a motor from V_tach / V_motor = k_t k_tach / (R b_m +
-    k_b k_t) at constant speed.
+    """Returns the damping b_m (N m s/rad) of a motor. At constant speed, V_tach / V_motor = k_t
+    k_tach / (R b_m + k_b k_t).
 
-    ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad, resistance in ohm, Estimates.
+    The arguments are Estimates: ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad,
+    resistance in ohm.
     """
     if ratio.value <= 0:
         raise InputError(
@@ -487,11 +492,10 @@ def decrement(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
-    """Evaluates ring_down() for a CSV file with the column time_s, from `from_s` to `to_s` in s,
-    and mode_parameters() for a known mass (kg) or stiffness (N/m).
+    """Evaluates ring_down() for a CSV file, from `from_s` to `to_s` in s. The file has the column
+    time_s. For a known mass (kg) or stiffness (N/m), also evaluates mode_parameters().
 
-    `column` is the column of the signal. This argument is optional if the file has only one column
-    besides time_s.
+    `column`: column of the signal. It is optional if the file has only one column besides time_s.
     """
     if column is None:
         header = header_of(path)

@@ -1,9 +1,9 @@
-"""Resonance model of thesis section 4.2: the response of a rigid body times simple resonances.
+"""Resonance model of thesis section 4.2: the response of a rigid body, multiplied by resonances.
 
     R_i(s) = (w_p / w_z)^2 (s^2 + 2 zeta_z w_z s + w_z^2) / (s^2 + 2 zeta_p w_p s + w_p^2)
 
-The thesis fits this model to data by eye in five steps, beginning with the lowest resonance. `fit`
-performs these steps numerically.
+The thesis fits this model to data by eye in five steps, beginning with the lowest resonance. The
+function `fit` performs these steps numerically.
 """
 
 from collections.abc import Sequence
@@ -20,16 +20,17 @@ from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
 # Range of damping ratios in the fit.
-# With a smaller damping ratio, the peak is narrower than the distance of measured frequencies.
+# With a smaller damping ratio, the peak is narrower than the spacing of the measured frequencies.
 # With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
-# Largest ratio of the fitted frequency of a resonance to the frequency of the peak in the data.
+# Largest ratio between the fitted frequency of a resonance and that of the peak in the data.
 FREQUENCY_RATIO = 1.3
 
 
 @dataclass(frozen=True)
 class Resonance:
-    """One factor R_i of the model with a peak and possibly a trough. R_i is 1 at low frequency."""
+    """One factor R_i of the model. It has a peak, and possibly a trough. R_i is 1 at low
+    frequency."""
 
     peak_hz: float  #: frequency of the poles in Hz, > 0
     peak_damping: float  #: damping ratio of the poles
@@ -38,14 +39,13 @@ class Resonance:
 
     @property
     def trough(self) -> tuple[float, float] | None:
-        """Frequency in Hz and damping ratio of the trough. None means that the resonance has no
-        trough."""
+        """Frequency in Hz and damping ratio of the trough. None if the resonance has no trough."""
         if self.trough_hz is None or self.trough_damping is None:
             return None
         return self.trough_hz, self.trough_damping
 
     def at(self, s: ArrayLike) -> Complexes:
-        """Returns the values of R_i at complex s in 1/s, with the same shape as s."""
+        """Returns the values of R_i at complex s in 1/s, in the shape of s."""
         s = np.asarray(s, complex)
         value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
         return value * _pair(s, *self.trough) if self.trough else value
@@ -58,25 +58,26 @@ def _pair(s: ArrayLike, hz: Reals | float, zeta: Reals | float) -> Complexes:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of the fit of a resonance model: the resonances, and the errors of the model over the
+    """Result of the fit of a resonance model: the resonances, and the errors of the model at the
     given frequencies."""
 
-    resonances: tuple[Resonance, ...]  #: the lowest first
+    resonances: tuple[Resonance, ...]  #: resonances, the lowest first
     rms_db: float  #: rms error of the magnitude in dB
     max_db: float  #: largest error of the magnitude in dB
-    #: rms error of the phase in degrees; None if the responses are not complex;
-    #: the error is small if the data belong to a minimum-phase system
+    #: rms error of the phase in degrees, or None if the responses are not complex.
+    #: The error is small if the data belong to a minimum-phase system.
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
-        """The product of all R_i as zeros and poles in 1/s and gain."""
+        """The product of all R_i as a Factored, with zeros and poles in 1/s and a gain."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
     def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> Complexes:
-        """Returns the response of the model, (n,) complex, in the unit of `rigid_response`: the
-        rigid-body response (n,) times all R_i at the frequencies (n,) in Hz."""
+        """Returns the response of the model as complex values (n,), in the unit of
+        `rigid_response`. It is the rigid-body response (n,) multiplied by all R_i at the
+        frequencies (n,) in Hz."""
         return np.asarray(np.asarray(rigid_response) * self.cascade().response(frequency_hz))
 
 
@@ -99,24 +100,25 @@ def fit(
 ) -> Fit:
     """Fits a product of at most `modes` resonances to a measured or simulated response.
 
-    frequency_hz (n,): at least 10 rising frequencies > 0. response and rigid_response (n,): complex
-    values or magnitudes in one unit, not 0; only the magnitudes are fitted. The five steps:
+    frequency_hz (n,): at least 10 rising frequencies > 0. response, rigid_response (n,): complex
+    values or magnitudes that are not 0, both in one unit. Only the magnitudes are fitted. The five
+    steps are:
 
-    1. The quotient |response| / |rigid_response| in dB is computed. It is not smoothed; average
-       noisy data first.
+    1. The quotient |response| / |rigid_response| in dB is computed. It is not smoothed. Average
+       noisy data before the call.
     2. The peaks of the quotient with a prominence of at least `prominence_db` are found. The
        `modes` most prominent peaks are used.
-    3. Each peak is assigned the nearest trough on a logarithmic scale. A mode that is not
-       collocated may have no trough.
+    3. Each peak is assigned the nearest trough on a logarithmic scale. The peak of a mode that is
+       not collocated may have no trough.
     4. The damping ratios are adjusted until the model has the height of each peak and the depth of
        each trough.
     5. The frequencies are adjusted until the peaks and troughs of the model are at the frequencies
        of the data. Steps 4 and 5 are repeated 60 times, and the best result is returned.
 
-    `refine` then minimises the squared error in dB over all frequencies and damping ratios at once.
-    This finds the exact parameters of data that have the form of the model. With a wrong rigid-body
-    response it distorts the resonances, and the five steps alone are better. A resonance that only
-    changes the slope of the quotient is not found.
+    With `refine`, the squared error in dB over all frequencies and damping ratios is then minimised
+    at once. This finds the exact parameters of data that have the form of the model. With a wrong
+    rigid-body response, however, it distorts the resonances, and the five steps alone are better. A
+    resonance that only changes the slope of the quotient is not found.
 
     Raises InputError for data that cannot be fitted, and if there is no peak.
     """
@@ -174,12 +176,12 @@ def _checked(
 def _extremes(
     f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
-    """Returns the frequencies of the most prominent peaks, and for each peak the frequency of the
-    corresponding trough, or None."""
+    """Returns (peaks, troughs): the frequencies of the most prominent peaks, and for each peak the
+    frequency of its trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # The extreme value is at the vertex of the parabola through three points.
-        # The parabola has a logarithmic scale of frequency.
+        # The extreme value is at the vertex of the parabola through three points. The parabola is
+        # over the logarithm of the frequency.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -187,15 +189,16 @@ def _extremes(
     found, _ = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Troughs are assigned before weaker peaks are removed, so that their troughs are removed too.
+    # Troughs are assigned before weaker peaks are removed, so that the troughs of these are
+    # removed.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(signal.peak_prominences(target, found)[0])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """Returns for each peak the frequency of the assigned trough, or None. The assignment has the
-    smallest total distance, and no peak is between another peak and its trough."""
+    """Returns the frequency of the assigned trough for each peak, or None. The sum of the distances
+    from peaks to troughs is the smallest. No peak is between another peak and its trough."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -213,10 +216,10 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Steps 4 and 5 of fit(): adjusts the frequency and damping of each peak and trough in turn
-    until the peaks and troughs of the model agree with the data.
+    """Performs steps 4 and 5 of fit(). Adjusts the frequency and damping ratio of each peak and
+    trough in turn, until the peaks and troughs of the model agree with the data.
 
-    Each adjustment shifts the neighbouring peaks and troughs, so the function repeats the rounds.
+    Each adjustment shifts the neighbouring peaks and troughs, so all adjustments are repeated.
     """
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
@@ -224,7 +227,7 @@ def _match(
     level = np.interp(np.log(hz), np.log(f), target)
     pairs = np.column_stack(
         [hz, np.full(len(hz), 0.05)]
-    )  # start value of the damping ratio, a typical value in the thesis
+    )  # start value of the damping ratio, typical in the thesis
     around = np.geomspace(0.8, 1.25, 181)
 
     def model_db(at: Reals) -> Reals:
@@ -243,15 +246,15 @@ def _match(
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
                 pairs[i, 0] = np.clip(moved, mark / FREQUENCY_RATIO, mark * FREQUENCY_RATIO)
-            # The size of a peak or trough in dB depends on the damping ratio of the peak or trough.
+            # The size of a peak or trough in dB depends on its damping ratio.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
             pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *DAMPING_RATIOS)
     return _resonances(best, troughs)
 
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
-    """Returns resonances from `pairs`. The rows of `pairs` (frequency in Hz, damping ratio) are all
-    peaks, followed by all troughs that are not None."""
+    """Returns the resonances. The rows of `pairs` are (frequency in Hz, damping ratio): first all
+    peaks, and then all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))
@@ -260,7 +263,7 @@ def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance
 
 
 def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
-    """Returns the resonances with the smallest squared error in dB, from a search over the
+    """Returns the resonances with the smallest squared error in dB. The search is over the
     logarithms of all frequencies and damping ratios."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
@@ -284,7 +287,7 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
 @dataclass(frozen=True)
 class ResonanceResult(Fit):
-    """A Fit to a measured response, and the zeros and poles in 1/s of the product of all
+    """A Fit to a measured response. It also has the zeros and poles in 1/s of the product of all
     resonances, each as (real part, imaginary part)."""
 
     zeros: tuple[tuple[float, float], ...]
@@ -303,8 +306,8 @@ def of_measurement(
     """Fits resonances to a measured response.
 
     model: path or name of a model of the rigid body. response: folder of a measurement. rigid:
-    signal of the model that a rigid structure would give. overrides: {parameter: value} of the
-    model. modes, prominence_db, refine: see fit(). Raises InputError.
+    signal of the model for the response of the rigid structure. overrides: {parameter of the model:
+    value}. modes, prominence_db, refine: see fit(). Raises InputError.
     """
     from forceaxis.identify import fit as fit_response
 

@@ -1,4 +1,4 @@
-"""A measured response and the comparison with the linear model: summary, files and plot."""
+"""A measured response and its comparison with the linear model: summary, files and plot."""
 
 import csv
 import json
@@ -27,9 +27,9 @@ STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts th
 class MeasurementSummary:
     """A measurement and the linear model of the plant for JSON.
 
-    `contact`: share of the time in which each contact was closed. `floor_median`: standard
-    deviation due to quantisation alone, in the unit of the response. `saturated`: share of samples
-    with an ADC code at an end of the range.
+    `contact`: share of the time in which each contact was closed. `floor_median`: median standard
+    deviation due to quantisation alone, in the unit of the response. `saturated`: share of the
+    samples whose ADC code is at an end of the range.
     """
 
     measurement: str
@@ -68,16 +68,15 @@ Summary = TypeVar("Summary", bound="DataclassInstance")
 
 @dataclass(frozen=True)
 class MeasurementResult(Generic[Summary]):
-    """A measurement, the response of the linear model, and the summary. The
-    summary is a MeasurementSummary for a model, and commission.measuring.AxisMeasurementSummary for
-    an axis."""
+    """A measurement, the response of the linear model, and the summary. The summary is a
+    MeasurementSummary for a model, or a commission.measuring.AxisMeasurementSummary for an axis."""
 
-    setup: Setup | None  # None: a live axis
+    setup: Setup | None  # set-up of the measurement; None for a live axis
     measured: Measurement
-    # response of the linear model with nominal parameters, (n,); None without a model
+    # response (n,) of the linear model with nominal parameters; None without a model
     model: Complexes | None
     summary: Summary
-    title: str  # title of the figure
+    title: str  # title of the plot
 
 
 def run(
@@ -86,9 +85,8 @@ def run(
     plant_set: linear.Overrides | None = None,
     command: str = "",
 ) -> MeasurementResult[MeasurementSummary]:
-    """Measures a response and compares it with the linear model of the nominal parameters.
-    `command` is the command line that repeats the measurement, for the summary. Raises
-    InputError."""
+    """Measures a response, and compares it with the linear model with nominal parameters.
+    `command`: command line that repeats the measurement, for the summary. Raises InputError."""
     setup, where = read_setup(target, options)
     measured = measure.measure_setup(setup, where, plant_set)
     model = measured.predict()
@@ -135,14 +133,14 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-# Share of the time above which a body is treated as stuck.
+# A body is stuck if it sticks for more than this share of the time.
 # Every body sticks for a moment when its direction changes.
 STUCK_SHARE = 0.01
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
-    """Returns texts about frictions and backlashes whose state differs from the state in the linear
-    model."""
+    """Returns texts about frictions and backlashes whose state in the measurement differs from that
+    in the linear model."""
     assumed = working.working(
         linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
     )
@@ -174,8 +172,8 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Returns texts about reasons, other than wrong parameters, for a difference between the
-    response and the linear model."""
+    """Returns texts about possible reasons for a difference between the response and the linear
+    model. Wrong parameters are not among these reasons."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -214,8 +212,8 @@ def figure(done: MeasurementResult[Summary]) -> Figure:
 
 
 def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> None:
-    """Writes response.csv, response.npz and result.json to the folder `out`, and plot.png if `draw`
-    is True."""
+    """Writes response.csv, response.npz and result.json to the folder `out`. With `draw`, also
+    writes plot.png."""
     measured = done.measured
     columns = {
         "frequency_hz": measured.frequency_hz,
@@ -231,7 +229,7 @@ def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> Non
         degrees = np.degrees(np.angle(done.model))
         columns |= {"model_magnitude": abs(done.model), "model_phase_deg": degrees}
         arrays_of_model = {"model": done.model}
-    # The fields of the Measurement that are not arrays; `fit.read_response` reads these fields.
+    # Fields of the Measurement that are not arrays. The function `fit.read_response` reads them.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]
     with paths.replacing(out, *names) as (table, arrays, result, *pictures):

@@ -27,45 +27,44 @@ class Setup:
     The table [set] contains parameters of the model. An example is sim/measurements/fig3_6.toml.
     """
 
-    #: path of the model (in a file: relative to the file), or name of a file in sim/models
+    #: model: a path (in a file, relative to the file), or the name of a file in sim/models
     model: str
     title: str = ""
     figure: str = ""
     shows: str = ""
-    #: input: a signal or dac_code; default: the excited input (drive.command, dac_code)
+    #: input: a signal or dac_code. The default is the excited input (drive.command or dac_code).
     input: str = ""
-    #: output: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
+    #: output: a signal of the model, adc0, adc1 (8-bit counts) or encoder (counts)
     output: str = ""
     #: excited input: "volts" at the drive, or "codes" from the firmware's excitation mode
     inject: str = "volts"
     excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
-    #: Level of the excitation: rms in V for noise, otherwise amplitude in V; for codes: DAC codes.
-    #: The amplitude of a sine in codes is random from half of this value on.
-    #: The level 0 selects 0.1 V or 20 codes.
+    #: Level of the excitation. With "volts", it is the rms in V for noise, otherwise the amplitude
+    #: in V. With "codes", it is in DAC codes. The amplitude of a sine in codes is random, from half
+    #: of this value on. The level 0 selects 0.1 V or 20 codes.
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half
-    #: window function: none (periodic excitation), or hann for noise that is not periodic
+    #: window function: none (periodic excitation), or hann (noise that is not periodic)
     window: str = "none"
-    points: int = 40  #: number of spectral lines of a sine measurement, logarithmically spaced
-    #: resolution of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
+    points: int = 40  #: number of spectral lines for a sine, logarithmically spaced
+    #: resolution in bits of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
     bits: int = 12
-    scale: float = 1.0  #: factor of the output, for a sensor that the model does not contain
+    scale: float = 1.0  #: factor of the output, for a sensor that is not in the model
     unit: str = ""  #: unit of the response; the default follows from the signals
-    clamped: bool = False  #: True: contacts also pull, like a clamped workpiece (3.2.2)
-    free: bool = False  #: True: contacts are open; otherwise contacts are closed
+    clamped: bool = False  #: True if contacts also pull, as with a clamped workpiece (3.2.2)
+    free: bool = False  #: True if contacts are open, otherwise they are closed
     seed: int = 0
     set: dict[str, float | str] = field(default_factory=dict)
 
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
-    """Returns (Setup, name of the Setup in error messages) from a measurement file, or from a
-    model.
+    """Returns (Setup, its name in error messages) from a measurement file or from a model.
 
-    `target` is a path or the name of an installed file. `options` are keys that replace the keys of
-    the file. Raises InputError.
+    `target`: a path, or the name of an installed file. `options`: keys that replace those of the
+    file. Raises InputError.
     """
     options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
@@ -91,7 +90,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
             )
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    # The title of the file describes only the signals of the file.
+    # The title in the file describes only the signals of the file. It is dropped for other signals.
     for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
@@ -100,22 +99,23 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
 
 
 def is_number(value: TomlValue) -> TypeGuard[float]:
-    """Returns True if a value of a file is a finite number."""
+    """Returns True if a value in a file is a finite number."""
     return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
 
 
 def _number(low: float, high: float) -> Check:
-    """Returns a function that checks a number from `low` to below `high`."""
+    """Returns a function that checks a number. It must be at least `low` and below `high`."""
     return lambda value: is_number(value) and low <= value < high
 
 
 def _whole(low: int, high: int) -> Check:
-    """Returns a function that checks an integer from `low` to `high`."""
+    """Returns a function that checks an integer. It must be from `low` to `high`."""
     return lambda value: is_number(value) and isinstance(value, int) and low <= value <= high
 
 
 def _magnitude(low: float, high: float) -> Check:
-    """Returns a function that checks a number with a magnitude above `low` and below `high`."""
+    """Returns a function that checks a number. Its magnitude must be above `low` and below
+    `high`."""
     return lambda value: is_number(value) and low < abs(value) < high
 
 
@@ -136,7 +136,7 @@ def _is_line(value: TomlValue) -> bool:
     return isinstance(value, str) and bool(value) and value.isprintable()
 
 
-# {key: (text about the permitted values, function that checks a value)}.
+# {key: (text about the permitted values, function that checks a value)}
 KEYS: dict[str, tuple[str, Check]] = {
     "input": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
     "output": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
@@ -162,7 +162,7 @@ KEYS: dict[str, tuple[str, Check]] = {
 
 
 def check(given: SetupTable, where: str) -> Setup:
-    """Returns a Setup from the keys of a file after a check of each key. Raises InputError."""
+    """Returns a Setup from the keys of a file, after it has checked each key. Raises InputError."""
 
     def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")

@@ -104,7 +104,8 @@ class TickPlant:
     controlled signal. position: row of the encoder's position. stiffness, damping: gains of
     position and velocity of a law of motion. inner: gain of the inner damping in V s/m. law: filter
     between error and gain. tick_s: duration of a tick in s. late: latency of the firmware in ticks.
-    late_motion: age in ticks of position and velocity in a law of motion."""
+    late_motion: age in ticks of position and velocity in a law of motion.
+    """
 
     A: Matrix
     B: Matrix

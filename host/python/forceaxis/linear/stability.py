@@ -248,7 +248,8 @@ class Loop:
 
         G(0) is computed again with states in other units, which changes the rounding. The
         difference also contains errors that `_known` does not include. They come from a pole and a
-        zero at 0 Hz that were removed."""
+        zero at 0 Hz that were removed.
+        """
         n = len(self.open.A)
         apart = 0.0
         for turn in (0.618, 0.414, 0.732):
@@ -351,7 +352,8 @@ class Loop:
         At such a point of the boundary, G is real and negative, and k = -1 / G. The points at which
         G is real are the solution of an eigenvalue problem, so no point is missed. Each point is
         then refined with G itself. If G is real on the whole axis (a plant without damping), there
-        are no crossings."""
+        are no crossings.
+        """
         return [crossing for crossing in self.limit().crossings if crossing.gain]
 
     @cached_property
