@@ -1,2 +1,2 @@
-"""Writes HTML pages for the command line: about a folder of experiments, about a design of a force
-law, or about the tuning of an axis."""
+"""Writes HTML pages for the command line. A page is about a folder of experiments, the design of a
+force law, the tuning of an axis, or pressed parts."""

@@ -1,5 +1,5 @@
-"""The sections of the report about models: description, critical gains, P gain for the set, and
-worst margins of the designed filter banks."""
+"""The sections of the report about models: a description, critical gains, the P gain for a set of
+plants, and the worst margins of the designed filter banks."""
 
 import re
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from forceaxis.pages import pictures
 from forceaxis.pages.folder import Entry
 from forceaxis.words import plain
 
-Picture = tuple[str, Markup]  # caption and image
+Picture = tuple[str, Markup]  # (caption, image)
 
 # Largest number of experiments for which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
-# Table of verdicts over gain and set-point: factors of the gain, factors of the set-point,
+# Table of verdicts over gain and set-point: factors of the gain, factors of the set-point, and
 # longest duration of a run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
@@ -36,7 +36,7 @@ MAP_TICKS_MAX = 12_000
 
 @dataclass(frozen=True)
 class ExperimentBank:
-    """The designed filter bank of an experiment, with the worst bandwidth and margins over the set
+    """The designed filter bank of an experiment, and its worst bandwidth and margins over the set
     of plants. `worst` is None if a plant of the set is unstable with this bank."""
 
     entry: Entry
@@ -46,8 +46,8 @@ class ExperimentBank:
 
 @dataclass(frozen=True)
 class ModelLaws:
-    """The recommended P gain of a model, and the filter banks of all experiments with this model.
-    Both are evaluated over a set of plants."""
+    """The recommended P gain of a model, and the filter banks of all its experiments. Both are
+    evaluated over a set of plants."""
 
     over: str  # text with the ranges of the parameters in the set of plants
     p: reduced.ShortDesign
@@ -58,7 +58,7 @@ class ModelLaws:
 class ModelSection:
     """The section of the report about one model."""
 
-    id: str  # name of the HTML anchor of the section
+    id: str  # HTML anchor of the section
     file: str
     title: str
     words: list[str]  # sentences about the model
@@ -70,11 +70,11 @@ class ModelSection:
 
 
 def limits(model: Path) -> list[str] | None:
-    """Returns the critical value of `force_gain` as text, one text for each delay of the loop (zoh
-    or zoh+1). Returns None if the model has no force loop."""
+    """Returns the critical values of `force_gain` as texts, one for each delay of the loop (zoh and
+    zoh+1). Returns None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    # No force sensor, or a command without effect on the force: a stuck axis or no contact.
+    # There is no force sensor, or the command does not act on the force (stuck axis, no contact).
     except _core.InputError:
         return None
     return [limit_text(loop) for loop in found]
@@ -92,8 +92,8 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
-    """Returns the experiments that ran without error, grouped by the model file that the
-    experiments use."""
+    """Returns {model file: its experiments}. Only experiments that ran without error are
+    included."""
     found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
@@ -129,7 +129,7 @@ def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> Mode
 
 
 def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
-    """Returns caption and image of the Nyquist plot at the recommended P gain. The list is empty
+    """Returns [(caption, image)] of the Nyquist plot at the recommended P gain. The list is empty
     without a recommended gain."""
     if not recommended.worst:
         return []
@@ -138,7 +138,7 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    # The command has no effect on the force in this combination of states of the model.
+    # In this combination of states of the model's elements, the command does not act on the force.
     except _core.InputError:
         return []
     margins = found.at.margins
@@ -152,8 +152,9 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
 
 
 def _map(entries: Sequence[Entry]) -> list[Picture]:
-    """Returns caption and image of a plot that shows the verdict over gain and set-point, for the
-    first short experiment with a P law. The list is empty without such an experiment."""
+    """Returns [(caption, image)] of a plot whose axes are gain and set-point, and whose colours are
+    verdicts. It is drawn for the first short experiment with a P law. The list is empty without
+    such an experiment."""
     for entry in entries:
         given = read_inputs(entry.file).firmware
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -175,7 +176,7 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
 
 
 def words(model: Path) -> list[str]:
-    """Returns sentences that describe a model: bodies, drive, contacts, sensor, modes of
+    """Returns sentences that describe a model: its bodies, drive, contacts, sensor and modes of
     vibration."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
@@ -211,8 +212,8 @@ def words(model: Path) -> list[str]:
 
 def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
     """Returns the P gain that keeps the usual margins over the set of plants, and the worst margins
-    over this set for the filter bank of each experiment. Raises InputError, for example for a model
-    without a sensor."""
+    over this set with the filter bank of each experiment. Raises InputError, for example if the
+    model has no sensor."""
     plants = sets.plant_set(str(model))
     facts = linear.facts(model)
     search = reduced.ShortSearch(plants, Goal(adc_bits=facts.required_reading.bits), random=0)

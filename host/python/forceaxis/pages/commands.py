@@ -1,10 +1,10 @@
-"""The commands of `forceaxis` for what texts of the library tell a user to do."""
+"""The commands of `forceaxis` for the actions that texts of the library recommend to a user."""
 
 import re
 
-# Each action that the library names between backticks, and the command that does this action.
+# {action that the library names between backticks: command that does this action}
 # The actions `axis...()` are methods of Axis.
-# The library does not know the command line.
+# The library itself does not know the command line.
 ACTIONS = {
     "axis.reset_fault()": "axis reset",
     "axis.start()": "axis start",
@@ -35,9 +35,9 @@ ON_AN_AXIS = ("axis ", "cycle ")  # first words of the commands that act on one 
 
 
 def with_commands(text: str, on: str = "") -> str:
-    """Returns the text in which each action between backticks is replaced by the command of
-    `forceaxis` that does it. `on`: the option that selects the axis of which the text tells, for
-    the commands that act on one axis."""
+    """Returns the text with commands of `forceaxis` in place of the actions between backticks.
+    `on`: the option that selects the axis of the text. Commands that act on one axis get this
+    option."""
 
     def command(named: re.Match[str]) -> str:
         words = ACTIONS[named[1]]

@@ -26,21 +26,21 @@ from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 
-# Width of a plot in inches: a row has two plots on a screen and one plot on a telephone.
+# Width of a plot in inches. A row has two plots on a screen and one plot on a telephone.
 WIDE_IN = 4.4
-LOOP_GAIN_DRAWN = 20.0  # largest magnitude of the loop gain that a plot shows
+LOOP_GAIN_DRAWN = 20.0  # largest drawn magnitude of the loop gain
 RANDOM_PLANTS = (
     # number of random plants in the plots, in addition to the nominal plant and the corner plants
     4
 )
 
-# One curve of a plot for each loop: (loop gain L at the frequencies, key of its line in LOOKS).
+# [(loop gain L over the frequencies, key of LOOKS)], one entry for each curve of a plot.
 Loops = list[tuple[Response, str]]
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """Returns the frequency responses of the loop gain with a filter bank, for each plant of the
-    set and each latency."""
+    """Returns the loop gain with a filter bank as frequency responses. There is one response for
+    each plant of the set and each latency."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM_PLANTS)]
@@ -55,16 +55,16 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
 
 
 def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
-    """Returns the loop gain L, of the phase with the oldest readings if the samples have any phase.
-    With several codes in a period, L is computed from the component of S at the frequency of the
-    disturbance."""
+    """Returns the loop gain L as a frequency response. If the phase of the sensor's samples is not
+    known, L is that of the phase with the oldest readings. With several codes in a period, L is
+    computed from the component of S at the frequency of the disturbance."""
     oldest = loop.each[0] if isinstance(loop, FreeLoop) else loop
     if isinstance(oldest, PeriodicLoop):
         return np.asarray(1 / oldest.sensitivity_at(gain, frequency_hz) - 1, complex)
     return np.asarray(gain * oldest.open.response(frequency_hz), complex)
 
 
-# For each key of a curve: the line style of the curve, and the name of the curve in the legend.
+# {key of a curve: (line style, name in the legend)}
 LOOKS: dict[str, tuple[LineStyle, str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -82,15 +82,15 @@ def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """Returns the names and the filter banks of the control laws that the plots compare: the
-    designed law, and law P if a P gain exists that keeps the margins."""
+    """Returns [(name, filter bank)] of the control laws that the plots compare. They are the
+    designed law, and law P if a P gain keeps the margins."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
 
 def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops: Loops) -> Figure:
-    """Returns a plot of |S| and |T| in dB over the frequency, for one control law with all plants
-    of the set."""
+    """Returns a plot of |S| and |T| in dB over the frequency, for one control law and all plants of
+    the set."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
     for L, kind in loops:
         for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
@@ -116,7 +116,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
 
 
 def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
-    """Returns a Nyquist plot near the point -1, for one control law with all plants of the set."""
+    """Returns a Nyquist plot near the point -1, for one control law and all plants of the set."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
     style(ax)
@@ -135,8 +135,8 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
 
 
 def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
-    """Returns a plot of the force over time in a simulated contact, with law P and with the
-    designed law."""
+    """Returns a plot of the force over time in a simulated contact. It has one curve with law P,
+    and one with the designed law."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcome.order.latencies[0]
@@ -148,7 +148,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
         done = runs.run(Path(file), texts)
         force = done.columns[bench.facts.contacts[0].name + ".force"]
         time_s = done.columns["time_s"]
-        if not case.strike_N_s:  # The plot begins shortly before the first contact.
+        if not case.strike_N_s:  # the plot begins shortly before the first contact
             touched = np.flatnonzero(force > 0)
             start = time_s[touched[0]] - 0.05 if len(touched) else 0.0
         inside = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
@@ -161,7 +161,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """Returns a text with the value of a parameter or the state of an element."""
+    """Returns the value of a parameter or the state of an element as text."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
@@ -186,8 +186,8 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Writes the page index.html of a design to a folder. `run`: path of the experiment that the
-    page recommends for a run."""
+    """Writes the page index.html of a design into a folder. `run`: path of the experiment that the
+    page recommends to run."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     html = template("design").render(

@@ -1,5 +1,5 @@
-"""Plots of the design wing: effect of changes of an axis, soft contact or low gain, and bandwidth
-against a second figure."""
+"""Plots about the design of a force law: effects of changes of an axis, soft contact or low gain,
+and bandwidth against a second property."""
 
 import json
 from collections.abc import Callable
@@ -22,11 +22,11 @@ from forceaxis.linear.system import find_model
 from forceaxis.results import to_json
 
 Column = Callable[[CompliancePoint], float | None]
-Curve = tuple[str, Column, str]  # name, values, colour
+Curve = tuple[str, Column, str]  # (name, values, colour)
 
 
 def advice(result: Advice) -> Figure:
-    """Returns the plot of critical gain and crossover frequency with each change of the axis."""
+    """Returns a plot of the critical gain and crossover frequency with each change of the axis."""
     known = [(row, row.ratio.critical_gain) for row in result.rows]
     gains = [(row, gain) for row, gain in known if gain]
     drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(gains)))
@@ -65,8 +65,7 @@ def advice(result: Advice) -> Figure:
 
 
 def compliance(result: Compliance) -> Figure:
-    """Returns the plot of bandwidth, static error, travel and tolerated impact over
-    the stiffness."""
+    """Returns a plot of bandwidth, static error, travel and tolerated impact over the stiffness."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))
@@ -87,7 +86,7 @@ def compliance(result: Compliance) -> Figure:
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        # The plot shows the value 0, which means that the smallest impact is unstable.
+        # The plot also shows the value 0, which means that the smallest impact is unstable.
         struck = ax is axes[-1]
         if not struck:
             ax.set_yscale("log")
@@ -115,8 +114,8 @@ def compliance(result: Compliance) -> Figure:
 
 
 def tradeoff(result: Tradeoff) -> Figure:
-    """Returns the plot of the bandwidth over the second property, for the designed filter bank and
-    the P law."""
+    """Returns a plot of the bandwidth over the second property, for the designed filter bank and
+    for the P law."""
     drawn, ax = plt.subplots(figsize=(5.6, 3.4))
     style(ax)
     for name, curve, colour in (

@@ -18,7 +18,7 @@ from forceaxis.pages import pictures
 
 T = TypeVar("T")
 
-# {status of an experiment: its text on the page}, in the order in which the page counts them
+# {status of an experiment: text on the page}, in the order in which the page counts experiments
 STATUSES = {
     verdicts.STABLE: "stable",
     "part_good": "part good",
@@ -33,19 +33,18 @@ STATUSES = {
 
 @dataclass
 class Entry:
-    """An experiment of the report, with the finished run or with the error that prevented the
-    run."""
+    """An experiment of the report. It has the finished run, or the error that prevented the run."""
 
     file: Path
     name: str  # path of the experiment file relative to the folder, without suffix
     done: Run | None = None  # the finished run; None after an error
-    # differences between the result of the run and the table [expect], one text line for each
+    # differences between the result of the run and the table [expect], as text lines
     differs: tuple[str, ...] = ()
     error: str = ""
 
     @property
     def run(self) -> Run:
-        """The finished run of an experiment that ended without error."""
+        """The finished run. Use this property only if the experiment ran without error."""
         assert self.done is not None
         return self.done
 
@@ -56,8 +55,8 @@ class Entry:
 
     @property
     def outcome(self) -> str:
-        """Mark of the verdict, or the outcome of the last cycle of an experiment without a verdict,
-        as a key of STATUSES."""
+        """Mark of the verdict as a key of STATUSES. For an experiment without a verdict, it is the
+        outcome of the last cycle."""
         if self.error:
             return "error"
         result = self.run.result
@@ -67,26 +66,27 @@ class Entry:
 
     @property
     def status(self) -> str:
-        """Status of the experiment, which selects a colour: "differs" (the result differs from the
-        table [expect]), or the outcome."""
+        """Status of the experiment, which selects a colour. It is "differs" if the result differs
+        from the table [expect], and otherwise the outcome."""
         return "differs" if self.differs else self.outcome
 
     @property
     def order(self) -> tuple[bool, tuple[int | str, ...], str]:
-        """Sort key: cycles that press parts, then the numbers of figures, then the names."""
+        """Sort key. Cycles that press parts come first, then the order is by figure number and
+        name."""
         result = self.done.result if self.done else None
         figure = result.figure if result else ""
         return not (result and result.cycle), figure_order(figure), self.name
 
     @property
     def title(self) -> str:
-        """Title of the experiment, or the name of the experiment after an error."""
+        """Title of the experiment. After an error, it is the name of the experiment."""
         return self.done.title if self.done else self.name
 
     @property
     def held(self) -> str:
-        """Text with the controlled force and the static error. Empty if the experiment has no force
-        set-point."""
+        """Text with the controlled force and its static error. It is empty if the experiment has no
+        force set-point."""
         held = self.done and self.done.result.metrics.held_force
         if not held:
             return ""
@@ -106,15 +106,15 @@ class Entry:
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
-    """Returns a sort key for the numbers of figures: "2.16a, 5.1" gives (2, 16, "a"). A text
-    without a number is sorted last."""
+    """Returns a sort key for a text with numbers of figures: "2.16a, 5.1" gives (2, 16, "a"). A
+    text without a number comes last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
 def files(folder: Path) -> list[Path]:
-    """Returns the experiments below a folder, and the files that are not readable as experiments.
-    Raises InputError if the folder contains no experiment."""
+    """Returns the paths of the experiments below a folder, and of files that cannot be read as
+    experiments. Raises InputError if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: expected a folder with experiments, got no such folder; `new_axis` "
@@ -142,8 +142,8 @@ def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
 
 
 def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
-    """Waits for the results of all jobs and returns the results. `what`: plural name of the jobs in
-    the progress line."""
+    """Waits for all jobs, and returns their results. `what`: plural name of the jobs in the
+    progress line."""
     return [job.get() for job in progress.each(jobs, what)]
 
 
@@ -154,8 +154,8 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 
 def _drawn(path: Path, folder: Path) -> Entry:
-    """Runs an experiment in a worker process. Returns the experiment with its plots but without the
-    table of signals, because another process receives the result."""
+    """Runs an experiment in a worker process. Returns the experiment with its plots. The result has
+    no table of signals, because it is sent to another process."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

@@ -1,5 +1,5 @@
-"""The sections that only the report on the experiments of the thesis has: tables, fit, models by
-figure, and frequency domain. Templates use the names of the dataclass fields."""
+"""The sections of the report that only the thesis has: tables, fit, models by figure, and frequency
+domain. Templates use the names of the dataclass fields."""
 
 import os
 import re
@@ -24,12 +24,12 @@ from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables, trials
 from forceaxis.thesis.tables import CellResult
 
-WIDE_IN = 6.0  # width in inches above which a plot has its own row on the page
+WIDE_IN = 6.0  # a plot that is wider than this, in inches, has a row of its own
 
 
 @dataclass(frozen=True)
 class ModelRow:
-    """A model of the thesis with critical gains and experiments."""
+    """A model of the thesis with its critical gains and its experiments."""
 
     name: str
     title: str
@@ -54,7 +54,7 @@ def models(entries: Sequence[Entry]) -> list[ModelRow]:
 
 @dataclass(frozen=True)
 class CellGrid:
-    """A stability table of the thesis: {title of a row: cells of the row}."""
+    """A stability table of the thesis as {title of a row: cells of the row}."""
 
     title: str
     columns: list[str]
@@ -74,8 +74,8 @@ def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
-    """Returns the stability table of Fig 5.10, whose rows are gains. The first and third columns
-    are also Fig 3.16."""
+    """Returns the stability table of Fig 5.10. Its rows are gains. Its first and third columns are
+    also Fig 3.16."""
     at = {(c.force_gain, c.test, c.workpiece): c for c in cells if c.figure == "5.10"}
     columns = list(dict.fromkeys((test, workpiece) for _, test, workpiece in at))
     return CellGrid(
@@ -101,13 +101,13 @@ def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
-    """Returns one row for each model in which the drive acts on the force: model, lowest mode of
-    vibration, and other modes of vibration with labels."""
+    """Returns one row for each model in which the drive acts on the force. A row has the model, its
+    lowest mode of vibration, and its other modes of vibration with their labels."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
             found = modes.modes(path)
-        # This model file contains only parameters, or the model has no drive.
+        # This file contains only parameters, or the model has no drive.
         except _core.InputError:
             continue
         if not found.has_path or found.contact == "apart":
@@ -125,7 +125,7 @@ def mode_rows() -> list[tuple[str, str, list[str]]]:
 
 @dataclass(frozen=True)
 class MeasuredFigure:
-    """A measurement of the thesis that is repeated on the simulated plant."""
+    """A measurement of the thesis, repeated with the simulated plant."""
 
     name: str
     shows: str
@@ -139,14 +139,14 @@ class DrawnFigure:
 
     figure: str
     see: str
-    wide: bool  # True if the plot has its own row on the page
+    wide: bool  # True if the plot has a row of its own on the page
     image: Markup
 
 
 @dataclass(frozen=True)
 class FrequencySection:
-    """The section of the report about the frequency domain: bandwidths, modes of vibration,
-    frequency responses."""
+    """The section of the report about the frequency domain. It has bandwidths, modes of vibration
+    and frequency responses."""
 
     designs: list[plant_designs.PlantDesign]
     designs_image: Markup
@@ -163,7 +163,7 @@ class FrequencySection:
 
 @dataclass(frozen=True)
 class FrequencyJobs:
-    """Computations for the section on the frequency domain that run in the worker processes of a
+    """Computations for the section on the frequency domain, which run in the worker processes of a
     pool."""
 
     designs: list[AsyncResult[plant_designs.PlantDesign]]
@@ -194,7 +194,7 @@ class FrequencyJobs:
         )
 
     def section(self) -> FrequencySection:
-        """Waits for the results of all computations and returns the section on the frequency
+        """Waits for the results of all computations, and returns the section on the frequency
         domain."""
         rows = folder.results(self.designs, "designs")
         advice, advice_image = self.advice.get()
@@ -214,7 +214,7 @@ class FrequencyJobs:
 
 
 def measured(path: Path) -> MeasuredFigure:
-    """Repeats a measurement of the thesis with the simulated plant and draws the measured
+    """Repeats a measurement of the thesis with the simulated plant, and draws the measured
     response."""
     done = measure_result.run(path)
     assert done.setup is not None
@@ -223,7 +223,7 @@ def measured(path: Path) -> MeasuredFigure:
 
 
 def thesis_figure(number: int) -> DrawnFigure:
-    """Draws the plot of the thesis with the number `number`."""
+    """Draws the plot of the thesis with the index `number`."""
     found = thesis_figures.thesis_figures()[number]
     drawn = found.draw()
     wide = drawn.get_figwidth() > WIDE_IN
@@ -231,13 +231,13 @@ def thesis_figure(number: int) -> DrawnFigure:
 
 
 def advised() -> tuple[advise.Advice, Markup]:
-    """Returns the advice for the laboratory's axis (how much each change improves the axis), and a
-    plot of the advice."""
+    """Returns the advice for the laboratory's axis, and a plot of it. The advice states how much
+    each change improves the axis."""
     advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(design_plots.advice(advice))
 
 
-# Experiments that show the design of one axis step by step: (experiment, heading, reason).
+# (experiment, heading, reason) of each step in the design of one example axis.
 STORY = (
     ("contact_unstable", "1. Force gain 10: it bounces for ever",
      "The arm bends, the sensor rings, and the contact is lost again and again."),
@@ -252,7 +252,7 @@ STORY = (
 class ModelsSection:
     """The sections of the report about the example axis and about all models of the thesis."""
 
-    # experiment, heading and reason for each step of the design of the example axis
+    # (experiment, heading, reason) of each step in the design of the example axis
     story: list[tuple[Entry, str, str]]
     models: list[ModelRow]  # models of the machines in the thesis
     element_models: list[ModelRow]  # models of single elements
@@ -272,30 +272,29 @@ def models_section(entries: Sequence[Entry]) -> ModelsSection:
 
 @dataclass(frozen=True)
 class FittedConstant:
-    """A constant of the model that is fitted to the stability tables, with the result of the
-    fit."""
+    """A constant of the model that is fitted to the stability tables, and the result of its fit."""
 
     constant: tables.Constant
     parameter: tables.SourcedParameter
     found: float  # value of the constant in the stored fit
-    # number of table cells with equal verdicts, for each ratio to the fitted value
+    # {ratio to the fitted value: number of table cells with equal verdicts}
     plateau: dict[float, int]
 
 
 @dataclass(frozen=True)
 class TablesSection:
-    """The sections of the report about the stability tables, the fit of the constants, contact, and
-    friction."""
+    """The sections of the report about the stability tables, about the fit of the constants, about
+    contact, and about friction."""
 
     result: tables.TablesResult
     grids: list[CellGrid]
-    # Table cells of the thesis whose simulated verdict differs from the measured verdict.
+    # table cells whose simulated verdict differs from the measured verdict of the thesis
     misses: list[tuple[str, CellResult]]
-    trials: trials.TrialsResult  # trials that could explain these cells
+    trials: trials.TrialsResult  # trials that could explain the verdicts of these cells
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # Results of the fit without one figure: figure, number of its cells, correctly predicted cells.
+    # (figure, number of its cells, number of correct predictions) of each fit without one figure
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion
@@ -309,7 +308,7 @@ class TablesSection:
 
 def tables_section(threads: int | None = None) -> TablesSection:
     """Simulates the stability tables, the tables of limit cycles over gain and gap, and the sweep
-    of the laboratory's axis."""
+    of the laboratory's axis. Returns their sections of the report."""
     found, known = tables.evidence(), tables.load()
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)

@@ -1,4 +1,5 @@
-"""The page about pressed parts: shares, capability, run charts, histograms and curves."""
+"""The page about pressed parts: shares of good parts, capability, run charts, histograms and
+curves."""
 
 from pathlib import Path
 
@@ -11,8 +12,8 @@ from forceaxis.pages.template import template
 
 
 def write(file: Path, found: PartStatistics, rows: list[list[str]], curves: Curves) -> None:
-    """Writes the page about statistics to a file, complete or not at all. `rows`: table of the
-    elements, the first row is its head."""
+    """Writes the page about statistics of parts to a file, completely or not at all. `rows`: table
+    of the evaluation elements. Its first row is the header."""
     charts = [
         (element.name, pictures.figure(statistics_plots.element(element)))
         for element in statistics_plots.shown_elements(found)

@@ -10,18 +10,18 @@ from forceaxis import drawing
 from forceaxis.experiments.run import Run
 
 WIDTH, HEIGHT = 160, 56  # size of a thumbnail in pixels
-# number of steps of the line in a small plot; each step shows the lowest and highest value
+# Number of steps of the line in a small plot. Each step shows the lowest and the highest value.
 STEPS = 80
 
 
 def figure(drawn: Figure) -> Markup:
-    """Returns a matplotlib figure as a data URI and closes the matplotlib figure."""
+    """Returns a Matplotlib figure as a data URI, and closes the figure."""
     return Markup(drawing.uri(drawn))
 
 
 def thumbnail(done: Run) -> Markup:
-    """Returns a small plot of the main signal of a run as inline SVG. The main signal is a force of
-    the model, if the model has a force."""
+    """Returns a small plot of the main signal of a run as inline SVG. If the model has a force, the
+    main signal is a force."""
     name = _shown(done)
     values = np.asarray(done.columns[name], float)[done.in_plot]
     held = done.result.metrics.held_force
@@ -51,11 +51,11 @@ def thumbnail(done: Run) -> Markup:
     ).format(name)
 
 
-FORCES = ("force", "spring_force")  # endings of the names of signals that are a force in N
+FORCES = ("force", "spring_force")  # ends of the names of signals that are a force in N
 
 
 def _shown(done: Run) -> str:
-    """Returns the signal of a run that the small plot shows, as a column of the trace."""
+    """Returns the trace column of the signal that the small plot of a run shows."""
     there = [n for row in done.plot.rows for n in row if n in done.columns]
     forces = [n for n in there if n.rpartition(".")[2] in FORCES]
     return next(iter([*forces, *(n for n in there if n == "adc0"), *there]), "adc0")

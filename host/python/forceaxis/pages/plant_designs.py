@@ -1,5 +1,5 @@
-"""The section of the report about the design of force laws: law P and the designed filter bank for
-the plants of the thesis."""
+"""The section of the report about the design of force laws. It compares law P with the designed
+filter bank, for plants of the thesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# Names of models with a force loop, and the resolution of the ADC of each model in bits.
+# (name of a model with a force loop, bits of its ADC)
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -25,7 +25,7 @@ class PlantDesign:
 
     model: str
     bits: int  # resolution of the ADC in bits
-    over: str  # names of the parameters that have a tolerance
+    over: str  # names of the parameters with a tolerance
     modes: int  # number of combinations of element states in the set of plants
     p: reduced.ShortDesign
     design: reduced.ShapedDesign
@@ -33,7 +33,7 @@ class PlantDesign:
 
 
 def plant_design(model: str, bits: int) -> PlantDesign:
-    """Computes the P gain and a filter bank for a plant with tolerances. `bits`: resolution of the
+    """Computes the P gain and a filter bank for a plant with tolerances. `bits`: bits of the
     ADC."""
     plants = sets.plant_set(model)
     problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)

@@ -1,5 +1,5 @@
-"""Writes the report: one HTML page about all experiments below a folder. The page needs no further
-files."""
+"""Writes the report, which is one HTML page about all experiments below a folder. The page needs no
+further files."""
 
 import multiprocessing
 import os
@@ -22,13 +22,13 @@ from forceaxis.thesis import tables
 class ReportSummary:
     """Summary of the content of a report."""
 
-    report: str  # path of the page
+    report: str  # path of the HTML page
     experiments: int  # number of experiments
-    counts: dict[str, int]  # number of experiments for each status
+    counts: dict[str, int]  # {status: number of experiments}
     errors: list[str]  # one text line for each experiment that could not be run
-    # Number of cells of the stability tables whose simulated verdict equals the measured verdict.
+    # number of cells of the stability tables whose simulated verdict equals the measured verdict
     matched: int | None = json_field(omit_none=True)
-    total: int | None = json_field(omit_none=True)  # number of cells of the thesis
+    total: int | None = json_field(omit_none=True)  # number of cells of the stability tables
 
 
 def workers(threads: int | None) -> Pool:
@@ -40,14 +40,15 @@ def workers(threads: int | None) -> Pool:
 
 
 def write(source: Path | None, out: Path, threads: int | None = None) -> ReportSummary:
-    """Runs every experiment below `source` and writes the page out/index.html.
+    """Runs every experiment below `source`, and writes the page out/index.html.
 
-    source None: the folder of the thesis, whose page also has its tables and its frequency domain.
-    An experiment that cannot be run is listed as an error with its own entry. Raises InputError.
+    If `source` is None, the folder of the thesis is used. Its page also has the stability tables
+    and the frequency domain. An experiment that cannot be run has an entry with its error. Raises
+    InputError.
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source
-    # A missing fit, an empty folder or an impossible path is reported before the computation.
+    # A missing fit, an empty folder or an impossible path is reported before the long computation.
     if own:
         tables.evidence()
     else:
@@ -59,7 +60,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
 
 
 def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
-    """Runs the experiments. Returns the text of the HTML page, and the summary of the report."""
+    """Runs the experiments. Returns (text of the HTML page, summary of the report)."""
     tables_section = None
     with workers(threads) as pool:
         if own:

@@ -17,7 +17,8 @@ def _text(name: str) -> str:
 
 
 def _for_reader(value: object) -> object:
-    """Returns an inserted text with the commands in place of actions, other values as they are."""
+    """Returns an inserted text with commands in place of actions. Returns other values
+    unchanged."""
     is_html = hasattr(value, "__html__")
     return with_commands(value) if isinstance(value, str) and not is_html else value
 

@@ -1,5 +1,5 @@
-"""Writes the page about the tuning of an axis: responses, margins, and predicted and measured
-contacts."""
+"""Writes the page about the tuning of an axis: responses, margins, and contacts as predicted and as
+measured."""
 
 import functools
 from collections.abc import Iterator
@@ -31,10 +31,10 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# Tolerance band of a settled force, relative to the set-point.
-# The plot of a contact ends after the force stays within this band.
+# Tolerance band of a settled force, as a share of the set-point.
+# The plot of a contact ends soon after the force stays within this band.
 SETTLED_SHARE = 0.02
-# Width of a plot in inches: a row has three plots on a screen and one plot on a telephone.
+# Width of a plot in inches. A row has three plots on a screen and one plot on a telephone.
 FIGURE_WIDTH_IN = 4.2
 
 _number = functools.partial(outcome.number, digits=4)
@@ -42,8 +42,8 @@ Rows = list[list[str]]  # rows of a table; the first row is the header
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
-    """Writes the page index.html to the folder of a tuning. The page shows the results of all
-    finished steps."""
+    """Writes the page index.html into the folder of a tuning. The page shows the results of all
+    steps that have finished."""
     forces, folder = tuning.order.forces, tuning.folder
     fitted = FIT.done(tuning)
     touched = [f for f in forces if (folder / f"{contact.name(f)}.csv").exists()]
@@ -66,7 +66,7 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 def _friction(summary: TuningSummary) -> Rows:
     """Returns a table of the measured dry friction. Its columns are the place, the force in N, and
-    if the model contains the friction."""
+    whether the model contains the friction."""
     return [
         ["dry friction between", "N", "in the model"],
         *(
@@ -77,8 +77,8 @@ def _friction(summary: TuningSummary) -> Rows:
 
 
 def _margins(summary: TuningSummary) -> Rows:
-    """Returns a table that compares the margins of the previous law, law P and the designed law,
-    for the fitted plant and over the set of plants."""
+    """Returns a table that compares the margins of the previous law, of law P and of the designed
+    law. It has the margins for the fitted plant, and those over the set of plants."""
     rows = [["law", "fS, Hz", "fT, Hz", "Ms", "gain margin"]]
     for name, loop in (summary.on_fitted or {}).items():
         label = f"{name}, on the fitted plant"
@@ -95,8 +95,8 @@ def _margins(summary: TuningSummary) -> Rows:
 
 
 def _figures(law: WorstFigures | Figures | None) -> Iterator[str]:
-    """Yields the bandwidth and margins of a law for the table of the margins. Without a law, yields
-    "-" in each column."""
+    """Yields the bandwidth and margins of a law as texts for the table of margins. Yields "-" in
+    each column without a law."""
     figures = (law.fS_Hz, law.fT_Hz, law.Ms, law.gain_margin) if law else (None,) * 4
     return map(_number, figures)
 
@@ -118,7 +118,7 @@ def _verified(summary: TuningSummary) -> Rows:
 
 
 def _parameters(summary: TuningSummary) -> Rows:
-    """Returns a table of the fitted parameters with confidence intervals."""
+    """Returns a table of the fitted parameters with their confidence intervals."""
     rows = [["parameter", "value", "95 % interval", "unit"]]
     for name, row in (summary.parameters or {}).items():
         ends = " to ".join(_number(end) for end in row.interval)
@@ -127,8 +127,8 @@ def _parameters(summary: TuningSummary) -> Rows:
 
 
 def _touch_down(folder: Path, force_N: float) -> str:
-    """Returns the data URI of a plot: measured and predicted force over time after a first
-    contact."""
+    """Returns the data URI of a plot of the measured and the predicted force over the time after a
+    first contact."""
     touch = read_touch_down(folder / f"{contact.name(force_N)}.csv")
     time_s, expected, measured = touch.time_s, touch.predicted_N, touch.force_N
     figure, ax = plt.subplots(figsize=(FIGURE_WIDTH_IN, 2.8))
@@ -136,7 +136,7 @@ def _touch_down(folder: Path, force_N: float) -> str:
     ax.plot(time_s, expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
     ax.plot(time_s, measured, color=INK, linewidth=0.8, label="measured")
     within = SETTLED_SHARE * force_N + np.ptp(measured[time_s < -0.02])
-    # fmax ignores a prediction of NaN.
+    # fmax ignores a prediction that is NaN.
     far = np.fmax(abs(expected - force_N), abs(measured - force_N)) > within
     settled = time_s[far].max(initial=0.0)
     ax.set(xlim=(-0.05, min(settled + 0.2, time_s[-1])))
@@ -148,9 +148,9 @@ def _touch_down(folder: Path, force_N: float) -> str:
 
 
 def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
-    """Returns the data URI of a plot: a measured response with its confidence band, the response of
-    the fitted model, and the coherence."""
-    # If the axis has dry friction, the plot shows the model with dampers in place of dry friction.
+    """Returns the data URI of a plot of a measured response. It shows the confidence band, the
+    response of the fitted model, and the coherence."""
+    # If the axis has dry friction, the drawn model has dampers in its place.
     damped = tuning.folder / RESPONSES_MODEL
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)

@@ -1,1 +1,1 @@
-"""Recordings of signals of a real machine: the format, the import from files of other programs."""
+"""Recordings of signals of a real machine: their format, and their import from other programs."""

@@ -1,9 +1,9 @@
 """CSV files of any dialect as sources of recordings.
 
-The dialect is found by the numbers of the file: the character between the columns, the decimal
-comma, the lines before the first row of numbers, and the units in these lines. An export of
-TwinCAT Scope has lines `SymbolName`, `Unit` and so on, and a column of times in ms before each
-group of columns.
+The dialect is found from the numbers in the file. It consists of the character between the columns,
+the decimal sign, the lines before the first row of numbers, and the units in these lines. An export
+of TwinCAT Scope has lines `SymbolName`, `Unit` and so on. Each of its groups of columns begins with
+a column of times in ms.
 """
 
 import datetime
@@ -21,7 +21,7 @@ from forceaxis.recordings.units import is_unit, split_name
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 SEPARATOR_NAMES = {"\t": "tab", " ": "blank"}
-# A number with a decimal point, or with a decimal comma.
+# A number with a decimal point (POINT), or with a decimal comma (COMMA).
 POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?$")
 COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eEdD][-+]?\d+)?$")
 PLAIN = re.compile(r"[-+.0-9eE]*")
@@ -34,15 +34,15 @@ SHOWN = 40  # largest number of characters of a wrong text that a message shows
 
 @dataclass(frozen=True)
 class CsvDialect:
-    """The dialect of a CSV file: the form in which its rows are written."""
+    """The dialect of a CSV file, which is the form of its rows."""
 
     separator: str
-    decimal: str  # "." or ","
-    first: int  # index of the first line with numbers
+    decimal: str  # decimal sign: "." or ","
+    first: int  # index of the first line that is a row of numbers
     width: int  # number of columns
 
     def cells(self, line: str) -> list[str]:
-        """Returns the texts of the fields of a line."""
+        """Returns the texts of the fields of a line in this dialect."""
         return _without_end(split(line, self.separator), self.width)
 
 
@@ -62,7 +62,7 @@ def is_number(text: str, decimal: str) -> bool:
 
 
 def instant(text: str) -> float | None:
-    """Returns a date with a time, or a time of the day, in s; None for another text."""
+    """Returns a date with a time, or a time of the day, in s. Returns None for another text."""
     if ":" not in text:
         return None
     try:
@@ -93,16 +93,16 @@ def _without_end(cells: list[str], width: int) -> list[str]:
 
 
 def _numbers_in(cells: list[str], decimal: str) -> int:
-    """Returns how many fields of a line are numbers, or 0 if one of the other fields contains a
-    text."""
+    """Returns the number of fields of a line that are numbers. Returns 0 if another field contains
+    a text."""
     good = sum(is_number(cell, decimal) for cell in cells)
     missing = sum(cell.casefold() in MISSING for cell in cells)
     return good if good + missing == len(cells) else 0
 
 
 def _run(lines: list[str], separator: str, decimal: str) -> tuple[int, int]:
-    """Returns (numbers, columns) of the longest block of lines with the same number of fields that
-    are all numbers or empty."""
+    """Returns (numbers, columns) of the longest block of lines. All lines of the block have the
+    same number of fields, and all fields are numbers or empty."""
     best = (0, 0)
     width, numbers = 0, 0
     for line in lines:
@@ -124,8 +124,8 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
         for decimal in (".", ",")
         if mark != decimal
     ]
-    # Selects the dialect with the most numbers, then with the most columns, then the first in the
-    # list.
+    # Selects the dialect with the most numbers. Of equal ones, it selects the one with the most
+    # columns, then the first one.
     numbers, width, mark, decimal = max(found, key=lambda one: one[:2])
     if numbers < 2:
         raise InputError(
@@ -151,7 +151,8 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
 
 @dataclass(frozen=True)
 class _Header:
-    """Names and units of the columns, and the index of the time column of each column."""
+    """Names and units of the columns. Also the index of the time column that belongs to each
+    column."""
 
     names: list[str]
     units: list[str | None]
@@ -161,7 +162,8 @@ class _Header:
 
 
 def _scope_header(rows: dict[str, list[str]]) -> _Header:
-    """Returns the header of an export of TwinCAT Scope from its rows {key: fields}."""
+    """Returns the header of an export of TwinCAT Scope. `rows`: {key: fields} of its first
+    lines."""
     texts = rows.get("SymbolName") or rows["Name"]
     key = "SymbolName" if "SymbolName" in rows else "Name"
     units = rows.get("Unit", [])
@@ -184,7 +186,7 @@ def _header(lines: list[str], dialect: CsvDialect) -> _Header:
     rows: dict[str, list[str]] = {}
     for cells in above:
         if cells and cells[0] in SCOPE_ROWS and len(cells) == dialect.width:
-            # the export has two rows `Name`, of which the first names the file
+            # the export has two rows `Name`, and the first of them is the name of the file
             rows[cells[0]] = cells
     if {"Name", "SymbolName"} & set(rows):
         return _scope_header(rows)
@@ -204,14 +206,14 @@ def _header(lines: list[str], dialect: CsvDialect) -> _Header:
         name, unit = split_name(text)
         names.append(name or f"column {place + 1}")
         given.append(units[place] if units else unit)
-    # A name that occurs twice gets the number of its column.
+    # If a name occurs twice, the number of its column is added to it.
     names = [f"{n} {i + 1}" if names.count(n) > 1 else n for i, n in enumerate(names)]
     return _Header(names, given, [None] * dialect.width, "CSV")
 
 
 class CsvSource(Source):
-    """A CSV file. The fields of a column are read as numbers when the column is asked for, so that
-    other columns may have texts."""
+    """A CSV file as a source. The fields of a column are converted to numbers only when the column
+    is requested. Other columns may therefore contain texts."""
 
     def __init__(self, path: Path, separator: str | None = None) -> None:
         self.where = paths.display(path)
@@ -223,8 +225,8 @@ class CsvSource(Source):
         self._rows, self._numbers = self._split_rows()
 
     def _split_rows(self) -> tuple[list[list[str]], list[int]]:
-        """Returns the fields of all rows and the numbers of their lines. Raises InputError for a
-        row with another number of fields."""
+        """Returns (fields of each row, line number of each row). Raises InputError for a row with
+        another number of fields."""
         rows, numbers = [], []
         first, width = self._dialect.first, self._dialect.width
         for number, line in enumerate(self._lines[first:], first + 1):
@@ -233,7 +235,8 @@ class CsvSource(Source):
                 continue
             if cells[0] in self._header.ends:
                 break
-            if self._header.ends and len(cells) < width:  # a slower group has ended
+            # a group of columns with a lower rate has ended
+            if self._header.ends and len(cells) < width:
                 cells += [""] * (width - len(cells))
             if len(cells) != width:
                 mark = SEPARATOR_NAMES.get(self._dialect.separator, self._dialect.separator)
@@ -253,7 +256,7 @@ class CsvSource(Source):
         return super().time_name() if self._header.kind == "CSV" else self._header.names[0]
 
     def _number(self, name: str, index: int, text: str) -> float:
-        """Returns the number in a field, NaN for an empty one. Raises InputError."""
+        """Returns the number in a field, or NaN for an empty field. Raises InputError."""
         decimal = self._dialect.decimal
         value = _value(text, decimal)
         if value is not None:
@@ -283,8 +286,8 @@ class CsvSource(Source):
 
 
 def _quick(texts: list[str]) -> Floats | None:
-    """Returns the numbers in fields that have nothing but digits, signs and points; otherwise
-    None."""
+    """Returns the numbers in fields that contain only digits, signs, points and exponents. Returns
+    None if a field contains something else."""
     if PLAIN.fullmatch("".join(texts)) is None:
         return None
     try:

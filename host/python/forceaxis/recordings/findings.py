@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from forceaxis.recordings.signal_recording import Floats, SignalFinding
 from forceaxis.words import counted
 
-# ratio of the distance of two samples to the sampling period above which the distance is a gap
+# A distance between two samples is a gap above this multiple of the sampling period.
 GAP_PERIODS = 1.6
-# A jump is a step between two samples that is larger by this factor than each step around it.
-# The step is also at least this share of the range of all values.
+# A jump is a step between two samples that is this many times as large as each step around it.
+# A jump is also at least JUMP_SHARE of the range of all values.
 JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
-SATURATED_SAMPLES = 3  # successive samples at the largest or the smallest value
-# A signal that reaches its largest value with a step of this many quanta does not settle there.
+SATURATED_SAMPLES = 3  # number of successive samples at the largest or the smallest value
+# If a signal reaches its largest value with a step of this many quanta, it does not settle there.
 SATURATED_QUANTA = 3.0
-# smallest number of equal samples that is a finding, and its ratio to the usual number
+# Smallest number of equal samples that is a finding, and its smallest ratio to the usual number.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
 STATE_ENDINGS = (
     "_setpoint",
@@ -28,9 +28,9 @@ STATE_ENDINGS = (
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
-    """Returns what is suspicious in a signal (gaps, jumps, saturation, constant stretches) with the
-    samples `values` (n,) at the times `time_s` (n,) in s. A set-point or a command may jump and
-    stay constant."""
+    """Returns the findings about a signal: gaps, jumps, saturation and constant stretches. `values`
+    (n,): samples at the times `time_s` (n,) in s. A set-point or a command may jump and stay
+    constant."""
     found = list(gaps(time_s))
     if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
         found += saturations(time_s, values)
@@ -54,9 +54,9 @@ def gaps(time_s: Floats) -> Iterator[SignalFinding]:
 
 
 def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields steps that are much larger than the steps before and after them. A lost count or a
-    changed zero causes such a single step. During the rise of a contact force, the neighbouring
-    steps are large too."""
+    """Yields a finding for each step that is much larger than the steps before and after it. A lost
+    count or a changed zero causes such a single step. While a contact force rises, in contrast, the
+    neighbouring steps are large too."""
     steps = np.abs(np.diff(values))
     wide = JUMP_NEIGHBOURS
     around = np.pad(steps, wide, mode="edge")
@@ -73,15 +73,15 @@ def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields stretches at the largest or smallest value which the signal enters or leaves with a
-    steep step, as at the end of the range of a converter."""
+    """Yields a finding for each stretch at the largest or smallest value that the signal enters and
+    leaves with a steep step. A converter at an end of its range causes such a stretch."""
     quantum = quantum_of(values)
     steps = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
     for end in (float(values.max()), float(values.min())):
         for a, b in _runs(values == end):
             steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
-            # A signal at rest at an end of its range, as a force before a contact, only leaves it.
-            # A stretch is a finding only if the signal both enters and leaves it.
+            # A signal at rest at an end of its range, such as a force before a contact, only leaves
+            # it. So a stretch is a finding only if the signal both enters and leaves it.
             inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
             if b - a >= SATURATED_SAMPLES and steep and inside:
                 yield SignalFinding(
@@ -91,10 +91,11 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields long stretches with a constant value in a signal that otherwise changes. A failed
+    """Yields a finding for each long constant stretch of a signal that otherwise changes. A failed
     sensor causes such stretches."""
     lengths = _equal_runs(values)
-    # Half of the samples are in runs of at most this length: a position at rest is often constant.
+    # Half of the samples are in runs of equal values that are at most this long. A position at rest
+    # is often constant.
     usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:
@@ -106,20 +107,20 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def quantum_of(values: Floats) -> float:
-    """Returns the smallest difference of two values of a signal other than 0, or 0."""
+    """Returns the smallest difference other than 0 between two values of a signal, or 0."""
     steps = np.diff(np.unique(values))
     steps = steps[steps > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
     return float(steps.min()) if len(steps) else 0.0
 
 
 def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns the index ranges (begin, end) in which an array is True."""
+    """Returns [(begin, end)], the index ranges in which an array is True."""
     turns = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in turns.reshape(-1, 2)]
 
 
 def _equal_runs(values: Floats) -> list[tuple[int, int]]:
-    """Returns the index ranges (begin, end) of successive equal values."""
+    """Returns [(begin, end)], the index ranges of successive equal values."""
     turns = np.flatnonzero(np.diff(values)) + 1
     bounds = [0, *turns.tolist(), len(values)]
     return list(itertools.pairwise(bounds))

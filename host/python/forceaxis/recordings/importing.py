@@ -27,27 +27,27 @@ NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 LEAST_SAMPLES = 8
 DELAY_MAX_S = 1.0
 RATE_MAX_HZ = 10e6
-LARGE_TIME_S = 1e5  # times in s that begin later than this are times of a calendar
+LARGE_TIME_S = 1e5  # if times in s begin later than this, they are calendar times
 
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal and the column of the source with its values: NAME=[-]COLUMN[:UNIT]."""
+    """A signal, and the column of the source with its values: NAME=[-]COLUMN[:UNIT]."""
 
     name: str
     column: str
-    unit: str | None  # None: the unit that the source states is used
+    unit: str | None  # unit of the column; None: the unit that the source states
     sign: int
 
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """The request for an import. The fields have the names of the options."""
+    """The request for an import. The fields have the names of options of commands."""
 
     map: Sequence[str]
-    time: str | None = None  # COLUMN[:UNIT], or None to find the column
+    time: str | None = None  # column of the times as COLUMN[:UNIT]; None: search for it
     rate: float | None = None  # sampling rate in Hz for a source without times
-    delay: Mapping[str, str] = field(default_factory=dict)  # {signal: time with its unit}
+    delay: Mapping[str, str] = field(default_factory=dict)  # {signal: delay with its unit}
     title: str = ""
 
 
@@ -60,11 +60,11 @@ class Imported:
 
 
 def parse_map(text: str, source: Source) -> SignalMap:
-    """Returns the SignalMap in a text. Raises ParameterError, InputError."""
+    """Returns the SignalMap that a text describes. Raises ParameterError, InputError."""
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
-    # in the file of a recording, names with time_ are those of arrays of times
+    # In the file of a recording, names that begin with time_ belong to arrays of times.
     if not NAME.match(name) or name.startswith("time_"):
         raise ParameterError(
             "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
@@ -86,8 +86,7 @@ def parse_map(text: str, source: Source) -> SignalMap:
 
 
 def import_source(source: Source, path: Path, request: ImportRequest) -> Imported:
-    """Returns the recording with the signals that a request asks for. Raises InputError,
-    ParameterError."""
+    """Returns the recording with the requested signals. Raises InputError, ParameterError."""
     maps = [parse_map(text, source) for text in request.map]
     if not maps:
         few = ", ".join(source.names()[:12])
@@ -116,7 +115,7 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
         if clock == len(clocks):
             clocks.append(time_s)
         values = values * (one.sign * factor)
-        # the digits that are rounding errors are removed
+        # Digits that are only rounding errors are removed.
         rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")
         signals.append(
             RecordedSignal(
@@ -201,8 +200,8 @@ class _Times:
             )
 
     def of(self, column: SourceColumn) -> tuple[Floats, Floats]:
-        """Returns the times and the values of the samples of a column that have a value, without
-        samples that repeat the one before at the same time. Raises InputError."""
+        """Returns (times, values) of those samples of a column that have a value. A sample that
+        repeats the previous one at the same time is left out. Raises InputError."""
         has_value = ~np.isnan(column.values)
         if self._request.rate is not None:
             time_s = np.arange(len(column.values)) / self._request.rate
@@ -235,7 +234,7 @@ class _Times:
         return time_s, values
 
     def _wanted(self) -> tuple[str | None, str | None]:
-        """Returns the column and the unit that the request gives for the times."""
+        """Returns (column, unit) that the request gives for the times."""
         text = self._request.time
         if text is None:
             return None, None
@@ -271,6 +270,7 @@ class _Times:
             begin_s = float(known[0]) * factor if len(known) else 0.0
             if not self._known and abs(begin_s) > LARGE_TIME_S:
                 self.origin_s = float(np.floor(begin_s))
-            # Subtracted before the conversion, so that times of the day keep their digits.
+            # The origin is subtracted before the conversion, so that times of the day keep their
+            # digits.
             self._known[name] = (column.values - self.origin_s / factor) * factor, column
         return self._known[name]

@@ -1,4 +1,5 @@
-"""Reads a file of another program as a source of recordings, by the content of the file."""
+"""Reads a file of another program as a source of recordings. The content of the file selects the
+reader."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,10 +11,10 @@ from forceaxis.recordings.csv_source import CsvSource
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
 
-TABLES = (".csv", ".tsv", ".txt", ".parquet")  # endings of files with a table
-LCM_MARK = b"\xed\xa1\xda\x01"  # of the first entry of an LCM log
+TABLES = (".csv", ".tsv", ".txt", ".parquet")  # suffixes of files with a table
+LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
-# first bytes of a file: reader of the file
+# (first bytes of a file, function that reads such a file)
 READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
     (b"PK", read_npz),
     (b"PAR1", read_parquet),
@@ -23,9 +24,9 @@ READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
 
 
 def expect_log(path: Path) -> None:
-    """Raises InputError if a file is a table of another program, which has to be imported before it
-    is a recording."""
-    if not path.is_file():  # what reads a log says so
+    """Raises InputError if a file is a table of another program. Such a file has to be imported
+    before it is a recording."""
+    if not path.is_file():  # the function that reads the log reports this
         return
     with path.open("rb") as file:
         start = file.read(64)
@@ -37,8 +38,9 @@ def expect_log(path: Path) -> None:
 
 
 def read_source(path: Path, separator: str | None = None) -> Source:
-    """Returns the source in a file, by the content of the file. `separator` is the character
-    between the columns of a CSV file, or None to find it. Raises InputError, OSError."""
+    """Returns the source in a file. The content of the file selects the kind of source.
+    `separator`: character between the columns of a CSV file, or None to find it. Raises InputError,
+    OSError."""
     where = paths.display(path)
     with path.open("rb") as file:
         start = file.read(64)

@@ -1,4 +1,4 @@
-"""Recordings of signals: the types, and the file in which a recording is kept.
+"""Recordings of signals: their types, and the file that contains a recording.
 
 A file is an NPZ archive (a ZIP of NumPy arrays) NAME.npz with
 
@@ -7,8 +7,8 @@ A file is an NPZ archive (a ZIP of NumPy arrays) NAME.npz with
     time_<clock>.npy    times of the samples in s, float64 (n,), for all signals with this
                         `clock`
 
-The header has `format`, `title`, a table [source] of the file that was imported, and a table
-[[signal]] for each signal with the fields of SignalHeader.
+The header has `format`, `title`, and a table [source] about the file that was imported. It has one
+table [[signal]] for each signal, with the fields of SignalHeader.
 
     recording = read("touch.npz")
     force = recording["force"]
@@ -32,15 +32,15 @@ from forceaxis.results import JsonObject, from_json, to_json
 
 Floats: TypeAlias = NDArray[np.float64]
 
-FORMAT = 1  # version of the file
+FORMAT = 1  # version of the file format
 HEADER = "recording.toml"
-# largest distance of a stamp from equally spaced times, relative to their period
+# Largest distance of a time stamp from equally spaced times, as a share of their period.
 EVEN_SHARE = 0.25
 SUFFIX = ".npz"
 
-#: {name of a signal with a fixed meaning: its unit}. A name that ends in _command is what the
-#: controller of the machine gave to the drive, a name that ends in _setpoint is what the controller
-#: was asked for. Other names are kept without a meaning.
+#: {name of a signal with a fixed meaning: its unit}. A signal whose name ends in _command is what
+#: the controller of the machine sent to the drive. A signal whose name ends in _setpoint is what
+#: the controller had to reach. Signals with other names have no meaning for commands.
 UNITS = {
     "force": "N",
     "position": "m",
@@ -56,7 +56,7 @@ UNITS = {
     "position_setpoint": "m",
 }
 
-#: Signals that can drive a plant in place of the firmware, in the order of their preference.
+#: Signals that can drive a plant instead of the firmware, in order of preference.
 COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
 #: Signals that can be the input of a run.
 INPUTS = (*COMMANDS, "force_setpoint")
@@ -64,28 +64,28 @@ INPUTS = (*COMMANDS, "force_setpoint")
 
 @dataclass(frozen=True)
 class SignalFinding:
-    """A finding about a stretch of one signal, such as a gap or a jump."""
+    """A finding about one stretch of one signal, such as a gap or a jump."""
 
     kind: str  #: "gap", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch
     to_s: float  #: time of the last sample of the stretch
-    samples: int  #: number of samples in the stretch; of a gap, the number of missing samples
-    text: str  #: one sentence
+    samples: int  #: number of samples in the stretch; for a gap, of missing samples
+    text: str  #: the finding as one sentence
 
 
 @dataclass(frozen=True)
 class SignalHeader:
     """The entry of one signal in the header of a recording.
 
-    values = sign * factor * (value in the source), in `unit`. A value was true `delay_s` before its
-    time (a filter or a bus makes a signal late).
+    values = sign * factor * (value in the source), in `unit`. If a filter or a bus delays a signal,
+    its value was true `delay_s` before its time.
     """
 
     name: str
     unit: str  #: SI unit of `values`, or "1"
-    column: str  #: name in the source
-    source_unit: str  #: unit in the source
-    factor: float  #: `unit` per source unit, > 0
+    column: str  #: name of the column in the source
+    source_unit: str  #: unit of the column in the source
+    factor: float  #: size of the source unit in `unit`, > 0
     sign: int  #: 1 or -1
     rate_hz: float  #: median rate of the samples
     delay_s: float = 0.0
@@ -94,7 +94,7 @@ class SignalHeader:
 
     @property
     def header(self) -> "SignalHeader":
-        """Returns these fields without the samples of a RecordedSignal."""
+        """Returns only these fields. A RecordedSignal has samples in addition."""
         names = [f.name for f in dataclasses.fields(SignalHeader)]
         return SignalHeader(**{name: getattr(self, name) for name in names})
 
@@ -103,14 +103,14 @@ class SignalHeader:
 class RecordedSignal(SignalHeader):
     """One signal of a recording, with its samples."""
 
-    #: times of the source in s, ascending, (n,)
+    #: (n,) ascending times of the source in s
     time_s: Floats = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
-    #: values in `unit`, (n,)
+    #: (n,) values in `unit`
     values: Floats = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
 
     @property
     def true_time_s(self) -> Floats:
-        """Returns the times in s at which the values were true, (n,)."""
+        """Returns the times in s at which the values were true, as an array (n,)."""
         return self.time_s - self.delay_s
 
 
@@ -118,26 +118,27 @@ class RecordedSignal(SignalHeader):
 class RecordingSource:
     """The file from which a recording was imported."""
 
-    file: str  #: name without its folder
+    file: str  #: file name without the folder
     kind: str  #: kind of the file, such as "CSV" or "MCAP"
     sha256: str
     bytes: int
-    #: time of the source in s that is 0 in the recording: 0, or a whole number for times of the day
+    # : time in the source that is 0 in the recording. It is 0, or a whole number for times of the
+    # day.
     origin_s: float = 0.0
-    #: columns of the source that the recording does not have
+    #: columns of the source that are not in the recording
     not_imported: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class SignalRecording:
-    """Signals over the time that were recorded together."""
+    """Signals over time that were recorded together."""
 
     title: str
     source: RecordingSource
     signals: tuple[RecordedSignal, ...]
 
     def __getitem__(self, name: str) -> RecordedSignal:
-        """Returns the signal with this name. Raises KeyError."""
+        """Returns the signal with the name `name`. Raises KeyError."""
         for signal in self.signals:
             if signal.name == name:
                 return signal
@@ -155,16 +156,17 @@ class SignalRecording:
         return tuple(signal.name for signal in self.signals)
 
     def sampled(self, name: str, at_s: Floats) -> Floats:
-        """Returns a signal, interpolated between its samples, at the true times `at_s` in s, (n,).
-        The first and the last value continue outside the recording. Raises KeyError."""
+        """Returns the values of a signal at the true times `at_s` (n,) in s. They are interpolated
+        between its samples. Outside of the recording, the first or last value is used. Raises
+        KeyError."""
         signal = self[name]
         return np.asarray(np.interp(at_s, signal.true_time_s, signal.values))
 
     def held(self, name: str, at_s: Floats) -> Floats:
-        """Returns the last value of a signal at or before each of the true times `at_s` in s, (n,),
-        as a converter holds it. A stamp is treated as equal to a time of `at_s` if it is later by
-        at most EVEN_SHARE of the period of the signal and of the smallest step of `at_s`. Raises
-        KeyError."""
+        """Returns the values of a signal at the true times `at_s` (n,) in s, as a converter holds
+        them. Each one is the last value at or before this time. A sample may be slightly later than
+        the time: by EVEN_SHARE of the period of the signal and of the smallest step of `at_s`.
+        Raises KeyError."""
         signal = self[name]
         late_s = 0.0
         if len(signal.time_s) > 1 and len(at_s) > 1:
@@ -174,16 +176,18 @@ class SignalRecording:
         return np.asarray(signal.values[np.clip(last, 0, None)])
 
     def even(self, step_s: float) -> "SignalRecording":
-        """Returns the recording for a simulation with steps of `step_s`: the stamps of each signal
-        are replaced by equally spaced times, if none differs from them by more than EVEN_SHARE of a
-        step or of its own period. Files with few decimals have such stamps."""
+        """Returns the recording for a simulation with steps of `step_s`. The time stamps of each
+        signal are replaced by equally spaced times. This is done only if no stamp differs from them
+        by more than EVEN_SHARE of a step or of the period of the signal. Files with few decimals
+        have such stamps."""
         signals = (replace(s, time_s=_even(s.time_s, EVEN_SHARE * step_s)) for s in self.signals)
         return replace(self, signals=tuple(signals))
 
 
 def _even(time_s: Floats, within_s: float) -> Floats:
-    """Returns the equally spaced times, some of which may be missing, that fit ascending stamps
-    best, or the stamps if one is farther than `within_s` or EVEN_SHARE of the period from them."""
+    """Returns the equally spaced times that fit ascending time stamps best. Some of these times may
+    be missing. Returns the stamps if one of them is too far from its time: farther than `within_s`
+    or EVEN_SHARE of the period."""
     steps = np.diff(time_s)
     if len(steps) < 2 or not np.all(steps > 0):
         return time_s
@@ -203,7 +207,7 @@ def _even(time_s: Floats, within_s: float) -> Floats:
 
 
 def with_suffix(path: Path) -> Path:
-    """Returns the path of a recording for a name with or without the suffix."""
+    """Returns the path of a recording. The suffix is added to `path` if it is missing."""
     return path if path.suffix == SUFFIX else path.with_name(path.name + SUFFIX)
 
 
@@ -226,8 +230,8 @@ def _header(recording: SignalRecording) -> str:
 
 
 def write(recording: SignalRecording, path: Path) -> Path:
-    """Writes a recording to `path`, to which the suffix is added if it is missing, and returns the
-    path of the file. The file is written complete or not at all. Raises OSError, and ValueError if
+    """Writes a recording to `path`, and returns the path of the file. The suffix is added if it is
+    missing. The file is written completely or not at all. Raises OSError. Raises ValueError if
     signals with the same clock have different times."""
     path = with_suffix(path)
     arrays: dict[str, Floats] = {}
@@ -240,7 +244,7 @@ def write(recording: SignalRecording, path: Path) -> Path:
         paths.replacing(path.parent, path.name) as (file,),
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
-        # A fixed date, so that the same recording gives the same bytes.
+        # The date in the archive is fixed, so that equal recordings give equal bytes.
         archive.writestr(zipfile.ZipInfo(HEADER), _header(recording), zipfile.ZIP_DEFLATED)
         for name, values in arrays.items():
             array = io.BytesIO()
@@ -260,7 +264,7 @@ def is_recording(path: Path | str) -> bool:
 
 
 def read(path: Path | str) -> SignalRecording:
-    """Reads the file of a recording. Raises InputError with the file and what was expected."""
+    """Returns the recording in a file. Raises InputError with the file and what was expected."""
     file = Path(path)
     where = paths.display(file)
     wrong = "a recording that `import_recording` has written"

@@ -1,4 +1,4 @@
-"""Sources of recordings: files of other programs as columns of numbers with their times."""
+"""Sources of recordings. A source is a file of another program as columns of numbers with times."""
 
 import abc
 from collections.abc import Mapping, Sequence
@@ -21,30 +21,30 @@ from forceaxis.words import suggestion
 
 Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 
-LARGEST_NUMBER = 1e100  # larger numbers are damage
-# Names of a column with the times, in small letters, in the order in which they are looked for.
+LARGEST_NUMBER = 1e100  # larger numbers show that the file is damaged
+# Names of a column with times, in lower case, in the order of the search.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
 
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """One column of a source. `lines` are the places of its values in the file, for messages."""
+    """One column of a source. `lines`: places of its values in the file, for messages."""
 
     name: str
     unit: str | None  # unit that the source states
-    values: Floats = field(repr=False)  # NaN: no value
+    values: Floats = field(repr=False)  # values of the column; NaN: no value
     lines: Sequence[int] = field(repr=False, default=())
-    time_column: str | None = None  # time column of this column, or None for that of the source
+    time_column: str | None = None  # column with the times; None: the time column of the source
 
     def place(self, sample: int) -> str:
-        """Returns the place of a sample in words, such as "line 7, Fz"."""
+        """Returns the place of a sample as text, such as "line 7, Fz"."""
         if len(self.lines):
             return f"line {self.lines[sample]}, {self.name}"
         return f"{self.name}, sample {sample}"
 
 
 class Source(abc.ABC):
-    """A file that is a source of recordings. `where` names the file in messages, `kind` describes
+    """A file as a source of recordings. `where`: name of the file in messages. `kind`: text about
     the kind of file."""
 
     where: str
@@ -59,8 +59,8 @@ class Source(abc.ABC):
         """Returns the column with a name of names(). Raises InputError."""
 
     def find(self, text: str, parameter: str) -> str:
-        """Returns the name of the column that a user means by a name, by the end of a name after
-        "/" or ".", or by the number of the column from 1. Raises InputError."""
+        """Returns the name of the column that a user means. The user gives a name, the end of a
+        name after "/" or ".", or the number of the column from 1. Raises InputError."""
         known = self.names()
         if text in known:
             return text
@@ -86,15 +86,15 @@ class Source(abc.ABC):
         )
 
     def time_name(self) -> str | None:
-        """Returns the name of the column with the times, or None if no name is that of a time."""
+        """Returns the name of the column with the times, or None if no column has such a name."""
         known = {split_name(name)[0].casefold(): name for name in reversed(self.names())}
         known |= {name.casefold(): name for name in reversed(self.names())}
         return next((known[name] for name in TIME_NAMES if name in known), None)
 
 
 class ArraySource(Source):
-    """A source of arrays, such as NPZ, Parquet or messages. `times` is {column: name of the column
-    of its times}."""
+    """A source that consists of arrays, such as NPZ, Parquet or messages. `times`: {column: column
+    with its times}."""
 
     def __init__(
         self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
@@ -127,7 +127,8 @@ class ArraySource(Source):
 
 
 def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
-    """Returns the column. Raises InputError for a number that is infinite or too large."""
+    """Returns the column unchanged. Raises InputError for a number that is infinite or too
+    large."""
     wrong = np.flatnonzero(np.abs(column.values) > LARGEST_NUMBER)
     if len(wrong):
         at = int(wrong[0])
@@ -139,14 +140,14 @@ def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
 
 
 def read_npz(path: Path) -> Source:
-    """Returns the arrays of an NPZ file. Raises InputError."""
+    """Returns the arrays of an NPZ file as a source. Raises InputError."""
     expected = "an NPZ file with arrays of numbers"
     table = files.read_arrays(path, expected, "write the arrays with numpy.savez")
     return ArraySource(path, "NPZ", table)
 
 
 def read_parquet(path: Path) -> Source:
-    """Returns the columns of a Parquet file. Raises InputError."""
+    """Returns the columns of a Parquet file as a source. Raises InputError."""
     from pyarrow import parquet
 
     with files.parsing(path, "a Parquet file", "export the data again"):
@@ -168,8 +169,8 @@ def read_parquet(path: Path) -> Source:
 
 
 def read_messages(path: Path) -> Source:
-    """Returns the messages of an LCM log, or of an MCAP file with the messages of forceaxis or with
-    messages in JSON, as columns CHANNEL/field. Raises InputError."""
+    """Returns the messages of an LCM log or of an MCAP file as a source with columns CHANNEL/field.
+    The MCAP file has messages of forceaxis, or messages in JSON. Raises InputError."""
     with path.open("rb") as file:
         is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     kind = "MCAP" if is_mcap else "LCM log"
@@ -199,8 +200,9 @@ def read_messages(path: Path) -> Source:
 
 
 def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
-    """Returns the numbers in the JSON messages of an MCAP file as {topic: {field: values}}, the
-    topics in other encodings, and one line about damage or None."""
+    """Returns (tables, topics, damage) for the JSON messages of an MCAP file. `tables`: {topic:
+    {field: values}} with all numbers. `topics`: those in other encodings. `damage`: one text line
+    about damage, or None."""
     from forceaxis.bus.mcap_file import McapReader
 
     rows: dict[str, list[Row]] = {}
@@ -224,7 +226,7 @@ def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], st
 
 
 def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
-    """Returns the numbers in a JSON value with their names, such as ("wrench.force.z", 1.5)."""
+    """Returns the numbers in a JSON value as [(name, number)], such as ("wrench.force.z", 1.5)."""
     if isinstance(value, bool | int | float):
         return [(prefix or "value", float(value))]
     items: Sequence[tuple[object, object]] = []

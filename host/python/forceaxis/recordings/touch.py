@@ -1,7 +1,7 @@
-"""The first contact in a force signal: its instant, the sample at which the force begins to rise,
-and figures of the contact that follows.
+"""The first contact in a force signal. The module finds its instant and the sample at which the
+force begins to rise, and computes figures of the contact, such as the peak force.
 
-The same functions evaluate measured and predicted signals, so that both have the same definitions.
+The same functions evaluate measured and predicted signals, so both have the same definitions.
 """
 
 import math
@@ -13,49 +13,51 @@ from forceaxis._core import InputError
 from forceaxis.recordings.findings import quantum_of
 from forceaxis.recordings.signal_recording import Floats
 
-LEAST_BEFORE = 8  # samples before the first contact
-# The force of a contact exceeds this number of standard deviations of the noise before it,
-# this share of the largest force, and this number of quanta.
+LEAST_BEFORE = 8  # smallest number of samples before the first contact
+# A force is a contact if it exceeds all of three levels: a multiple of the standard deviation of
+# the noise before it, a share of the largest force, and a multiple of the smallest step.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
-COARSE_SHARE = 0.5  # upper limit of the level that the quanta give, as a share of the largest force
-# Two thresholds find the sample before the force rises. The first is a multiple of the standard
-# deviation of the noise, the second a share of the largest force. The sample is the last one
-# below the first threshold before the force exceeds the second threshold.
+COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
+# Two thresholds find the sample before the force rises.
+# The first threshold is a multiple of the standard deviation of the noise.
+# The second threshold is a share of the largest force.
+# The force first exceeds the second one. The last earlier sample below the first one is the result.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
-LOST_SHARE = 0.5  # share of the level of contact below which a contact is lost
-HELD_SHARE, HELD_LEAST = 0.2, 10  # fraction of the signal, at its end, whose mean is the held force
-SETTLED_SHARE = 0.05  # settling band, as a share of the held force
+LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
+# the held force is the mean of this share of the signal, at its end
+HELD_SHARE, HELD_LEAST = 0.2, 10
+SETTLED_SHARE = 0.05  # half width of the settling band as a share of the held force
 IMPULSE_S = 0.025
-CONTACTS = 3  # number of contacts whose start and end times are figures
+CONTACTS = 3  # number of contacts whose start and end times are evaluated
 
 
 @dataclass(frozen=True)
 class ForceLevel:
-    """Zero and noise of a force before the first contact, and the level that is a contact, in the
-    unit of the force."""
+    """Zero and noise of a force before the first contact, and the level that counts as contact. All
+    are in the unit of the force."""
 
     zero: float
-    noise: float  # standard deviation
-    contact: float  # force above the zero from which on the axis is in contact
+    noise: float  # standard deviation of the noise
+    contact: float  # from this force above the zero on, the axis is in contact
 
 
 @dataclass(frozen=True)
 class ContactFigures:
-    """Figures of a contact. Times are in s after the first contact, forces above the zero. None
-    means that the contact has no such figure."""
+    """Figures of a contact. Times are in s after the first contact. Forces are those above the
+    zero. None means that the contact has no such value."""
 
     peak_N: float
     impulse_N_s: float  # impulse of the first 25 ms
-    bounces: int  # contact losses
-    starts_s: tuple[float, ...]  # times in s at which the second, third and later contacts begin
-    ends_s: tuple[float, ...]  # times in s at which the first, second and later contacts end
+    bounces: int  # number of contact losses
+    starts_s: tuple[float, ...]  # times in s at which contact is made again
+    ends_s: tuple[float, ...]  # times in s at which contact is lost
     settling_s: float | None
     held_N: float
 
 
 def level_of(force: Floats, where: str) -> ForceLevel:
-    """Returns zero, noise and level of contact of a force (n,). Raises InputError if there is no
-    contact, or too little before the contact."""
+    """Returns the zero, the noise and the level of contact of a force (n,). Raises InputError if
+    there is no contact, or too few samples before the contact."""
     head = force[: max(LEAST_BEFORE, len(force) // 50)]
     zero = float(np.median(head))
     largest = float(np.max(force - zero, initial=0.0))
@@ -83,7 +85,7 @@ def level_of(force: Floats, where: str) -> ForceLevel:
 
 def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
     """Returns the time in s at which a force (n,) rises through the level of contact for the first
-    time, or None."""
+    time. Returns None if there is no such time."""
     above = force - level.zero
     first = _first_above(above, level.contact)
     return None if first is None else _crossing(time_s, above, first, level.contact)
@@ -91,7 +93,7 @@ def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
 
 def onset_of(force: Floats, level: ForceLevel) -> int:
     """Returns the index of the last sample before a force (n,) begins to rise for the first time.
-    It is before touch_of(), the instant at which the force has risen to the level of contact."""
+    This is before touch_of(), at which the force has already risen to the level of contact."""
     above = force - level.zero
     largest = float(above.max())
     first = int(np.argmax(above > RISEN_SHARE * largest))
@@ -100,14 +102,15 @@ def onset_of(force: Floats, level: ForceLevel) -> int:
 
 
 def _first_above(above: Floats, level: float) -> int | None:
-    """Returns the index of the first of two successive values above a level."""
+    """Returns the index of the first of two successive values above `level`, or None."""
     is_above = above > level
     places = np.flatnonzero(is_above[:-1] & is_above[1:])
     return int(places[0]) if len(places) else None
 
 
 def _crossing(time_s: Floats, values: Floats, index: int, level: float) -> float:
-    """Returns the time at which the line from the value before `index` crosses a level."""
+    """Returns the time at which the line between the values at `index` - 1 and `index` crosses
+    `level`."""
     if index == 0:
         return float(time_s[0])
     low, high = float(values[index - 1]), float(values[index])
@@ -116,7 +119,7 @@ def _crossing(time_s: Floats, values: Floats, index: int, level: float) -> float
 
 
 def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigures:
-    """Returns the figures of a contact from the force (n,) at the times `time_s` (n,) in s after
+    """Returns the figures of a contact. `force` (n,): force at the times `time_s` (n,) in s after
     the first contact. Values at negative times are not evaluated."""
     inside = time_s >= 0
     time_s, above = time_s[inside], force[inside] - level.zero
@@ -142,8 +145,8 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
 def contacts_of(
     time_s: Floats, above: Floats, level: ForceLevel
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Returns the times at which contact is made again, and at which contact is lost, of a force
-    above its zero (n,) that begins in contact."""
+    """Returns (times at which contact is made again, times at which contact is lost). `above`:
+    force above its zero, an array (n,) that begins in contact."""
     starts: list[float] = []
     ends: list[float] = []
     pressed = True

@@ -1,4 +1,4 @@
-"""Units of the columns of a source: their size in SI units, and the unit that a name ends in."""
+"""Units of the columns of a source: their size in SI units, and the unit at the end of a name."""
 
 import re
 
@@ -12,7 +12,7 @@ SI_UNITS = (
 )
 NO_UNIT = ("", "-", "1", "none", "None", "raw", "LSB", "codes", "counts", "inc")
 IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
-# Units that a name may end in after "_". Longer names of one letter would be part of a name.
+# Units that a name may end in after "_". Other units of one letter may be part of a name.
 ENDINGS = {
     **{unit: unit for unit in ("s", "ms", "us", "ns", "N", "kN", "mN", "mm", "um", "m", "mV")},
     **{unit: unit for unit in ("V", "A", "mA", "Nm", "Hz", "count")},
@@ -21,14 +21,14 @@ ENDINGS = {
 
 
 def plain(unit: str) -> str:
-    """Returns the spelling of a unit that `quantity_in` knows, for other usual spellings."""
+    """Returns a unit in the form that `quantity_in` accepts. `unit` may have another usual form."""
     unit = unit.strip().replace("µ", "u").replace("μ", "u").replace("²", "^2").replace("·", " ")
     return {"Nm": "N m", "sec": "s", "msec": "ms", "m/s2": "m/s^2", "Newton": "N"}.get(unit, unit)
 
 
 def factor_of(unit: str, wanted: str) -> float | None:
-    """Returns the size of a unit in the SI unit `wanted`, or None if the unit does not measure that
-    quantity. The unit may be a quantity such as "0.5 um", which is the size of one count."""
+    """Returns the size of a unit in the SI unit `wanted`. Returns None if the unit does not measure
+    that quantity. The unit may also be a quantity such as "0.5 um", the size of one count."""
     if wanted in ("1", "count") and unit.strip() in (*NO_UNIT, "count"):
         return 1.0
     text = plain(unit)
@@ -37,8 +37,8 @@ def factor_of(unit: str, wanted: str) -> float | None:
 
 
 def si_unit_of(unit: str) -> tuple[str, float] | None:
-    """Returns (SI unit, factor) of a unit, or None for an unknown unit. A column without a unit is
-    a number in "1"."""
+    """Returns (SI unit, factor) of a unit, or None for an unknown unit. The SI unit of a column
+    without a unit is "1"."""
     if unit.strip() in NO_UNIT:
         return "1", 1.0
     for wanted in SI_UNITS:
@@ -48,13 +48,13 @@ def si_unit_of(unit: str) -> tuple[str, float] | None:
 
 
 def is_unit(text: str) -> bool:
-    """Returns True if a text is a unit or says that a column has none."""
+    """Returns True if a text is a unit, or says that a column has no unit."""
     return si_unit_of(text) is not None or text.strip() in ("%", "bar", "degC", "°C", "rpm")
 
 
 def split_name(header: str) -> tuple[str, str | None]:
-    """Returns (name, unit) of the text above a column: "Fz [N]", "Fz (N)" or "Fz_N". The unit is
-    None if the text has none."""
+    """Returns (name, unit) from the text above a column: "Fz [N]", "Fz (N)" or "Fz_N". The unit is
+    None if the text contains none."""
     text = header.strip().strip('"').strip()
     if found := IN_BRACKETS.match(text):
         return found["name"].strip(), found["unit"].strip()

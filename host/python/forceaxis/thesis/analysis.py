@@ -1,5 +1,5 @@
-"""Values of the models of the thesis that its numbers and statements are compared with: limits,
-poles and zeros, phases, resonances, and the verdicts of runs."""
+"""Values of the models of the thesis, with which its numbers and statements are compared. They are
+limits, poles and zeros, phases, resonances, and the verdicts of runs."""
 
 import functools
 import math
@@ -21,9 +21,9 @@ Numbers = NDArray[np.float64]
 
 STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
-# Largest damping ratio of a pole that is counted as a resonance.
+# A pole with a larger damping ratio does not count as a resonance.
 LIGHT = 0.3
-# Largest distance of a pole from its zero that is called near, relative to the pole's frequency.
+# A pole is near its zero up to this distance, as a share of the pole's frequency.
 NEAR = 0.2
 
 
@@ -34,7 +34,8 @@ def limit(model: str, **overrides: float) -> Limit:
 
 
 def stability(model: str, **overrides: float) -> str:
-    """Returns a text that states if the linear model is stable at high gains in continuous time."""
+    """Returns a text that states whether the linear model is stable at high gains in continuous
+    time."""
     found = limit(model, **overrides)
     if found.gain is None:
         return STABLE
@@ -42,15 +43,15 @@ def stability(model: str, **overrides: float) -> str:
 
 
 def critical_gain(model: str, **overrides: float) -> float:
-    """Returns the critical gain of the force loop of a model in continuous time. Returns infinity
-    if the loop has no critical gain."""
+    """Returns the critical gain of the force loop of a model in continuous time, or infinity if
+    there is none."""
     gain = limit(model, **overrides).gain
     return math.inf if gain is None else gain
 
 
 def crossing_hz(model: str, **overrides: float) -> float:
     """Returns the frequency in Hz at which the force loop of a model becomes unstable in continuous
-    time. Returns infinity if the loop is stable at every gain."""
+    time, or infinity if the loop is stable at every gain."""
     frequency_hz = limit(model, **overrides).frequency_hz
     return math.inf if frequency_hz is None else frequency_hz
 
@@ -72,8 +73,8 @@ def printed(name: str) -> float:
 
 
 def stiffer(factor: float) -> dict[str, float]:
-    """Returns the stiffness and damping of the workpiece, multiplied by a factor as in Figs 4.21
-    and 4.22."""
+    """Returns {parameter: value} for the stiffness and damping of the workpiece, each multiplied by
+    a factor as in Figs 4.21 and 4.22."""
     return {"k_w": factor * printed("k_w"), "b_w": factor * printed("b_w")}
 
 
@@ -90,8 +91,8 @@ def pole(
     free: bool = False,
     drive: bool = True,
 ) -> tuple[float, float]:
-    """Returns the pole of a model that is nearest to the frequency `near_hz`, as (natural frequency
-    in Hz, damping ratio)."""
+    """Returns (natural frequency in Hz, damping ratio) of the pole of a model that is nearest to
+    the frequency `near_hz`."""
     system = linear.linearise(model, outputs=(), overrides=overrides, free=free, drive=drive)
     found = nearest(system.poles(), near_hz)
     return abs(found) / (2 * math.pi), -found.real / abs(found)
@@ -100,8 +101,8 @@ def pole(
 def resonances_hz(
     model: str, overrides: linear.Overrides | None = None, drive: bool = True
 ) -> list[float]:
-    """Returns the frequencies in Hz of the pole pairs of a model without contact whose damping
-    ratio is below LIGHT, in ascending order. A pair at 0 is no resonance."""
+    """Returns the frequencies in Hz of those pole pairs of a model without contact whose damping
+    ratio is below LIGHT, in ascending order. A pair at frequency 0 is not included."""
     system = linear.linearise(model, outputs=(), overrides=overrides, free=True, drive=drive)
     poles = system.poles()
     light = (poles.imag > 1.0) & (-poles.real < LIGHT * abs(poles))
@@ -109,21 +110,22 @@ def resonances_hz(
 
 
 def spacing(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> float:
-    """Returns the distance of a pole of the force response from a zero, as a fraction of the
-    frequency of the pole. Pole and zero are those nearest to the frequencies."""
+    """Returns the distance between a pole and a zero of the force response, as a share of the
+    pole's frequency. The pole and the zero are those nearest to `pole_hz` and `zero_hz`."""
     system = linear.linearise(model, overrides=overrides)
     at = nearest(system.poles(), pole_hz)
     return abs(at - nearest(system.zeros(), zero_hz)) / abs(at)
 
 
 def near(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> str:
-    """Returns a text that states if a pole of the force response is near a zero."""
+    """Returns a text that states whether a pole of the force response is near a zero."""
     part = spacing(model, pole_hz, zero_hz, **overrides)
     return ("near" if part < NEAR else "apart") + f": {100 * part:.2g} %"
 
 
 def added(model: str, without: str, **overrides: float) -> str:
-    """Returns how many poles and zeros of the force response a model has more than another one."""
+    """Returns a text about how many more poles and zeros the force response of `model` has than
+    that of `without`."""
     more, less = linear.linearise(model, overrides=overrides), linear.linearise(without)
     poles = len(more.poles()) - len(less.poles())
     return f"{poles} and {len(more.zeros()) - len(less.zeros())}"
@@ -144,7 +146,7 @@ def response(
     drive: bool = True,
 ) -> Response:
     """Returns the frequency response of a model from the command of the drive to one output.
-    Without `drive` it is the response from the force of a perfect actuator."""
+    Without `drive`, it is the response from the force of a perfect actuator."""
     system = linear.linearise(model, outputs=(output,), overrides=overrides, free=free, drive=drive)
     return system.response(frequency_hz)
 
@@ -155,8 +157,8 @@ def phase_deg(found: Response) -> Numbers:
 
 
 def passed_180(model: str, drive: bool = True) -> str:
-    """Returns a text that states if the phase of the force response falls below -180 degrees up to
-    500 Hz."""
+    """Returns a text that states whether the phase of the force response falls below -180 degrees
+    up to 500 Hz."""
     f = np.geomspace(0.1, 500.0, 20001)
     least = phase_deg(response(model, "reading", f, drive=drive)).min()
     word = "past" if least < -180 else "never past"
@@ -167,28 +169,30 @@ def added_phase_deg(
     model: str, without: str, drive: bool = True, span_hz: tuple[float, float] = (5.0, 400.0),
     **overrides: float,
 ) -> Numbers:  # fmt: skip
-    """Returns the phase in degrees of the force response of a model minus that of another model,
-    over the frequencies `span_hz`."""
+    """Returns the phase in degrees of the force response of `model`, minus that of `without`, over
+    the frequencies `span_hz`."""
     f = np.geomspace(*span_hz, 20001)
     with_it = response(model, "reading", f, overrides=overrides, drive=drive)
     return phase_deg(with_it / response(without, "reading", f, drive=drive))
 
 
 def turns(model: str, without: str, **overrides: float) -> str:
-    """Returns how a mode turns the phase of the force response with a perfect actuator, such as
-    "lag, then lead" or "lead", with the largest lag and lead in degrees."""
+    """Returns a text about how a mode turns the phase of the force response with a perfect
+    actuator, such as "lag, then lead" or "lead". The text has the largest lag and lead in
+    degrees."""
     change = added_phase_deg(model, without, drive=False, span_hz=(8.0, 60.0), **overrides)
     found = {"lag": (-change.min(), change.argmin()), "lead": (change.max(), change.argmax())}
     largest = max(turn for turn, _ in found.values())
-    # A phase change below a twentieth of the other phase change is ignored.
+    # A phase change that is below a twentieth of the largest phase change is ignored.
     names = [name for name, (turn, _) in found.items() if turn > largest / 20]
     names.sort(key=lambda name: found[name][1])
     return f"{', then '.join(names)}: {', '.join(f'{found[name][0]:.3g} deg' for name in names)}"
 
 
 def prominence_db(model: str, output: str, free: bool, span_hz: tuple[float, float]) -> float:
-    """Returns the height in dB by which the highest peak of the frequency response between two
-    frequencies stands out from its surroundings. Returns 0 if no peak is there."""
+    """Returns by how many dB the highest peak of a frequency response stands out from its
+    surroundings. The peak is between the two frequencies `span_hz`. Returns 0 if there is no
+    peak."""
     f = np.geomspace(5.0, 200.0, 20001)
     size_db = 20 * np.log10(abs(response(model, output, f, free=free)))
     peaks, found = signal.find_peaks(size_db, prominence=0)
@@ -197,23 +201,23 @@ def prominence_db(model: str, output: str, free: bool, span_hz: tuple[float, flo
 
 
 def label(model: str, number: int) -> str:
-    """Returns the label of a mode of vibration in contact: colocated or noncolocated. `number`
-    counts the modes from 1 on, in ascending order of frequency."""
+    """Returns the label of a mode of vibration in contact: colocated or noncolocated. `number`:
+    number of the mode from 1 on, in ascending order of frequency."""
     return modes.modes(model).modes[number - 1].label
 
 
 def sampled_part(model: str, ticks: float) -> float:
-    """Returns the critical gain of a sampled force loop, as a fraction of the critical gain in
-    continuous time. The sampling rate is `ticks` times the crossover frequency in continuous
-    time."""
+    """Returns the critical gain of a sampled force loop as a share of that in continuous time. The
+    sampling rate is `ticks` times the crossover frequency in continuous time."""
     spec = loops.LoopSpec(timing="zoh", tick_s=1 / (ticks * crossing_hz(model)))
     found = spec.around(model).limit().gain
     return (math.inf if found is None else found) / critical_gain(model)
 
 
 def crossing_root(model: str) -> str:
-    """Returns from which kind of pole the root starts that crosses the imaginary axis first as the
-    gain rises: "workpiece" for a pole near its 40 to 45 Hz."""
+    """Returns a text about the root that first crosses the imaginary axis as the gain rises. It
+    names the kind and frequency of the pole where the root starts: "workpiece" from about 40 to 45
+    Hz."""
     loop = loops.force_loop(model, timing="continuous")
     highest = critical_gain(model)
     branches = loop.locus(np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 800) * highest]))
@@ -225,7 +229,7 @@ def crossing_root(model: str) -> str:
 
 @functools.cache
 def cells() -> list[tables.CellResult]:
-    """Returns all cells of the stability tables of the thesis, each with the verdict of its
+    """Returns all cells of the stability tables of the thesis. Each cell has the verdict of its
     simulated run."""
     return tables.run().cells
 
@@ -247,19 +251,19 @@ def matching(figure: str) -> int:
 
 
 def cell(figure: str) -> str:
-    """Returns the verdict of the simulated run for a stability table of the thesis that has only
-    one cell, such as Fig 5.2. `figure` is the number of the table."""
+    """Returns the verdict of the simulated run for a stability table of the thesis with only one
+    cell, such as Fig 5.2. `figure`: number of the figure with this table."""
     return next(c.ours for c in cells() if c.figure == figure)
 
 
 def verdicts(experiment: str, runs: Iterable[Sequence[str]]) -> list[str]:
-    """Returns "stable" or "unstable" for runs of one experiment. Each element of `runs` is a list
-    of overrides."""
+    """Returns "stable" or "unstable" for each run of an experiment. `runs`: overrides of each
+    run."""
     path = str(paths.EXPERIMENTS / f"{experiment}.toml")
     found = _core.run_many([(path, list(sets)) for sets in runs], os.cpu_count() or 1)
     return [judged(one["verdict"]) for one in found]
 
 
 def verdict(experiment: str) -> str:
-    """Returns "stable" or "unstable" for the run of an experiment as its file has it."""
+    """Returns "stable" or "unstable" for the run of an experiment without overrides."""
     return verdicts(experiment, [()])[0]

@@ -36,11 +36,11 @@ from forceaxis.thesis.analysis import (
 )
 from forceaxis.thesis.claim import Claim, compared, stated
 
-BASE_DAMPING = (2000.0, 9500.0, 38000.0)  # of Figs 2.17 to 2.20, N s/m
+BASE_DAMPING = (2000.0, 9500.0, 38000.0)  # damping of the base in Figs 2.17 to 2.20, in N s/m
 LIGHT_BASE = {"b_b": BASE_DAMPING[0]}
-# Damping of the arm of Fig 2.42 in N s/m: lightly damped, and of Fig 4.26.
+# Damping of the arm in N s/m: of the lightly damped arm of Fig 2.42, and of the arm of Fig 4.26.
 LIGHT_ARM, PRINTED_ARM = 60.0, 640.0
-# Runs with contact loss: gains as fractions of the linear limit, and initial gaps in m.
+# Gains of runs with contact loss, as shares of the linear limit. GAPS has their initial gaps in m.
 ABOVE, BELOW, FAR_BELOW = (1.04, 1.2, 1.5), (0.84, 0.88, 0.92), (0.5, 0.6, 0.7)
 GAPS = (0.0, 3e-4, 1e-3, 5e-3, 2e-2)
 STIFF_GRIP = {"k_g": 1e7}
@@ -48,8 +48,8 @@ RIGID_RUN = ("experiment.duration_s=60",)
 
 
 def rolls_off() -> str:
-    """Returns a text that states if amplitude and phase of the rigid robot fall at all frequencies
-    above its natural frequency."""
+    """Returns a text that states whether amplitude and phase of the rigid robot fall at all
+    frequencies above its natural frequency."""
     f = np.geomspace(pole("fig2_3", 4.6, drive=False)[0], 500.0, 5001)
     found = response("fig2_3", "reading", f, drive=False)
     falls = bool((np.diff(abs(found)) < 0).all() and (np.diff(phase_deg(found)) < 0).all())
@@ -57,8 +57,8 @@ def rolls_off() -> str:
 
 
 def rigid_roots(k_f: float, output: str = "reading") -> np.ndarray:
-    """Returns the closed-loop poles of the rigid robot with a perfect actuator in 1/s, sorted. The
-    loop feeds back the force, or the position of the joint times k_s."""
+    """Returns the closed-loop poles in 1/s of the rigid robot with a perfect actuator, sorted. The
+    loop feeds back the force, or the position of the joint multiplied by k_s."""
     loop = loops.force_loop("fig2_3", timing="continuous", output=output)
     volts_per_N = k_f / 40.96  # the drive of Fig 2.3 gives a force of 40.96 N/V
     scale = 1.0 if output == "reading" else parameter("fig2_3", "k_s")
@@ -66,8 +66,8 @@ def rigid_roots(k_f: float, output: str = "reading") -> np.ndarray:
 
 
 def stiffness_ratio(k_f: float) -> float:
-    """Returns the product of the closed-loop poles of the rigid robot, which is its stiffness over
-    its mass, divided by this product without feedback."""
+    """Returns the product of the closed-loop poles of the rigid robot, divided by this product
+    without feedback. The product of the poles is the stiffness divided by the mass."""
     return float(np.real(np.prod(rigid_roots(k_f)) / np.prod(rigid_roots(0.0))))
 
 
@@ -80,8 +80,8 @@ def opposite_deg() -> float:
 
 
 def base_lags_deg() -> list[float]:
-    """Returns the largest lag in degrees that base A adds to the rigid robot, for each damping of
-    BASE_DAMPING."""
+    """Returns the largest lag in degrees that base A adds to the rigid robot. There is one value
+    for each damping in BASE_DAMPING."""
     return [
         float(-added_phase_deg("fig2_16a", "fig2_3", False, (8.0, 60.0), b_b=b).min())
         for b in BASE_DAMPING
@@ -89,8 +89,8 @@ def base_lags_deg() -> list[float]:
 
 
 def base_damping_ratios() -> list[tuple[float, float]]:
-    """Returns the damping ratios of the poles and of the zeros of base A, for each damping of
-    BASE_DAMPING."""
+    """Returns (damping ratio of the poles, damping ratio of the zeros) of base A. There is one pair
+    for each damping in BASE_DAMPING."""
     found = []
     for b in BASE_DAMPING:
         system = linear.linearise("fig2_16a", overrides={"b_b": b}, drive=False)
@@ -100,14 +100,14 @@ def base_damping_ratios() -> list[tuple[float, float]]:
 
 
 def rising(values: list[tuple[float, float]]) -> str:
-    """Returns a text that states if both columns of a table rise, with the first column."""
+    """Returns a text that states whether both columns of a table rise, with the first column."""
     rises = bool((np.diff(np.array(values), axis=0) > 0).all())
     return stated(rises, "rise", ", ".join(f"{first:.3g}" for first, _ in values))
 
 
 def alternates() -> str:
-    """Returns a text that states if poles and zeros of the beam's actuator response lie on the
-    imaginary axis and alternate."""
+    """Returns a text that states whether the poles and zeros of the beam's actuator response lie on
+    the imaginary axis and alternate."""
     poles, zeros = figures.BEAM.poles(4)[1:], figures.BEAM.actuator_zeros(4)
     roots = sorted([(r.imag, "pole") for r in poles] + [(r.imag, "zero") for r in zeros])
     above = [name for at, name in roots if at > 0]
@@ -117,11 +117,12 @@ def alternates() -> str:
 
 
 def real_tip_zeros() -> str:
-    """Returns how many zeros of the beam's tip response below the fifth pair of zeros are real.
+    """Returns a text about how many zeros of the beam's tip response are real. The zeros below the
+    fifth pair of zeros are counted.
 
     The real zeros are sign changes of the response on the real axis. The number of all zeros
-    follows from the turns of the response along a circle, inside which it has the pole at 0 and a
-    pair of poles for each mode.
+    follows from the number of turns of the response along a circle. Inside this circle, the
+    response has the pole at 0 and a pair of poles for each mode.
     """
     sizes = abs(figures.BEAM.tip_zeros(5))[::2].real
     radius = math.sqrt(sizes[3] * sizes[4])
@@ -138,8 +139,8 @@ def real_tip_zeros() -> str:
 
 
 def tip_zeros_phase() -> str:
-    """Returns a text that states if the tip's zeros add no phase at frequencies up to the fourth
-    mode."""
+    """Returns a text that states whether the tip's zeros add no phase at frequencies up to the
+    fourth mode."""
     w = np.linspace(0.0, figures.BEAM.natural_frequencies(4)[-1], 1001)
     factors = np.prod(1 - 1j * w[:, None] / figures.BEAM.tip_zeros(4), axis=1)
     largest_deg = abs(np.degrees(np.angle(factors))).max()
@@ -147,7 +148,7 @@ def tip_zeros_phase() -> str:
 
 
 def tip_zeros_gain() -> float:
-    """Returns the factor that the tip's zeros contribute to the amplitude at the fourth mode."""
+    """Returns the factor of the amplitude at the fourth mode that comes from the tip's zeros."""
     w = figures.BEAM.natural_frequencies(4)[-1]
     return float(abs(np.prod(1 - 1j * w / figures.BEAM.tip_zeros(4))))
 
@@ -160,7 +161,7 @@ def right_half_plane_zeros() -> int:
 
 
 def lumped_beam_zeros(output: str) -> np.ndarray:
-    """Returns the zeros in 1/s of the lumped bending beam, without those at 0."""
+    """Returns the zeros in 1/s of the lumped bending beam, except those at 0."""
     zeros = figures.LUMPED.system().select(outputs=(output,)).zeros()
     return zeros[abs(zeros) > 1e-3]
 
@@ -174,7 +175,7 @@ def lumped_tip() -> str:
 
 
 def workpiece_spacings() -> str:
-    """Returns a text that states if damping brings the poles of the workpiece nearer to its
+    """Returns a text that states whether damping brings the poles of the workpiece nearer to its
     zeros."""
     parts = []
     for b_w in (parameter("fig2_26", "b_w"), 363.0):
@@ -186,7 +187,7 @@ def workpiece_spacings() -> str:
 
 
 def workpiece_damping_rises() -> str:
-    """Returns a text that states if damping moves the poles of the workpiece away from the
+    """Returns a text that states whether damping moves the poles of the workpiece away from the
     imaginary axis."""
     ratios = [
         pole("fig2_26", 45.0, {"b_w": b_w}, drive=False)[1]
@@ -196,8 +197,8 @@ def workpiece_damping_rises() -> str:
 
 
 def real_part_ratio() -> float:
-    """Returns the real part of the poles of a workpiece four times stiffer, with the damping of the
-    original, over that of the original."""
+    """Returns the real part of the poles of a workpiece with four times the stiffness, divided by
+    that of the original workpiece. Both have the original damping."""
     parts = []
     for times, hz in ((4, 82.0), (1, 45.0)):
         k_w = times * parameter("fig2_26", "k_w")
@@ -207,7 +208,8 @@ def real_part_ratio() -> float:
 
 
 def dampers() -> str:
-    """Returns the dampers of Fig 2.35 in ascending order, with the name of the first in front."""
+    """Returns a text with the dampers of Fig 2.35 in ascending order. The first name is that of the
+    smallest damper."""
     names = {"grip": "b_g", "sensor": "b_s", "workpiece": "b_w", "robot": "b_r"}
     values = {part: parameter("fig2_35", name) for part, name in names.items()}
     order = sorted(values, key=lambda part: values[part])
@@ -215,15 +217,15 @@ def dampers() -> str:
 
 
 def limit_ratio(model: str, experiment: str, without: str) -> str:
-    """Returns a text that states if the workpiece of an experiment raises the critical gain over
-    that with a rigid workpiece."""
+    """Returns a text that states whether the critical gain with the workpiece of an experiment is
+    higher than that with a rigid workpiece."""
     ratio = critical_gain(model, **settings(experiment)) / critical_gain(without)
     return compared(ratio, "higher")
 
 
 def base_lag_ratio() -> str:
-    """Returns a text that states if a hardly damped base B adds more lag with the motor than with a
-    perfect actuator."""
+    """Returns a text that states whether a base B with little damping adds more lag with the motor
+    than with a perfect actuator."""
     lags = [
         -added_phase_deg(model, without, drive, (5.0, 60.0), **LIGHT_BASE).min()
         for model, without, drive in (
@@ -235,21 +237,21 @@ def base_lag_ratio() -> str:
 
 
 def slow_sampling() -> str:
-    """Returns a text that states if half of the limit in continuous time is unstable with a
-    sampling rate of twice the crossing."""
+    """Returns a text that states whether half of the continuous-time limit is unstable at a low
+    sampling rate. This rate is twice the frequency at which the loop becomes unstable."""
     part = sampled_part("fig4_11", 2)
     return stated(part < 0.5, "unstable", f"the limit is {part:.2g} of that in continuous time")
 
 
 def crossing_ratio(model: str, without: str, **overrides: float) -> float:
-    """Returns the frequency at which the loop of a model becomes unstable, divided by that of
-    another model."""
+    """Returns the frequency at which the force loop of `model` becomes unstable, divided by that of
+    `without`."""
     return crossing_hz(model, **overrides) / crossing_hz(without)
 
 
 def cycles(b_rf: float, parts: tuple[float, ...]) -> np.ndarray:
-    """Returns an array with True for each run of the flexible robot with contact that ends in a
-    limit cycle. Rows are gains, as fractions of the linear limit, and columns are initial gaps."""
+    """Returns an array that is True for each run of the flexible robot with contact that ends in a
+    limit cycle. Rows are gains as shares of the linear limit, and columns are initial gaps."""
     largest, _ = nonlinear.flexible_robot(b_rf)
     found = verdicts(
         "fig2_43_settles",
@@ -263,23 +265,23 @@ def cycles(b_rf: float, parts: tuple[float, ...]) -> np.ndarray:
 
 
 def some_cycle(b_rf: float) -> str:
-    """Returns a text that states if runs below the linear limit end in a limit cycle."""
+    """Returns a text that states whether runs below the linear limit end in a limit cycle."""
     found = cycles(b_rf, BELOW)
     return f"{'some' if found.any() else 'none'}: {found.sum()} of {found.size}"
 
 
 def depends_on_start() -> str:
-    """Returns a text that states if, at one and the same gain below the linear limit, some starts
-    end in a limit cycle and others settle."""
+    """Returns a text that states whether the initial gap decides at the same gain below the linear
+    limit: runs from some gaps end in a limit cycle, and runs from others settle."""
     found = cycles(LIGHT_ARM, BELOW)
     both = found.any(axis=1) & ~found.all(axis=1)
     return stated(bool(both.any()), "depends", f"at {both.sum()} of {len(BELOW)} gains")
 
 
 def rigid_cycles() -> int:
-    """Returns the number of runs of the rigid robot with contact that end in a limit cycle, at
-    gains up to 95 % of the limit that the hold of the tick sets, from gaps up to 20 mm. The runs
-    take 60 s, because contact is lost and made for a long time before it is held."""
+    """Returns the number of runs of the rigid robot with contact that end in a limit cycle. The
+    gains are up to 95 % of the limit that the zero-order hold sets, and the initial gaps up to 20
+    mm. The runs take 60 s, because contact is lost and made for a long time before it lasts."""
     loop = loops.force_loop("fig2_40")
     largest = loop.firmware_gain(loop.limit().gain or math.inf)
     found = verdicts(
@@ -294,8 +296,8 @@ def rigid_cycles() -> int:
 
 
 def bits_ratio() -> float:
-    """Returns the highest gain at which a contact with 15 counts is stable with the converters of 8
-    bits, divided by that with 12 bits."""
+    """Returns the highest gain at which a contact with 15 counts is stable with 8-bit converters,
+    divided by that with 12-bit converters."""
     highest = []
     fine = ["experiment.model=../models/laboratory_12bit.toml", "firmware.adc_bits=12"]
     for sets in ([], fine):
@@ -312,8 +314,8 @@ def bits_ratio() -> float:
 
 
 def beam_error_percent(output: str) -> float:
-    """Returns the largest error in per cent, through the fourth mode, of the response at actuator
-    or tip with the poles and zeros of four modes."""
+    """Returns the largest error in per cent of a beam response with the poles and zeros of four
+    modes, up to the fourth mode. `output`: the actuator or the tip."""
     return 100 * figures.BEAM.approximation_error(4, output)
 
 

@@ -34,13 +34,13 @@ K_AMP = (
 
 
 def outer() -> float:
-    """Returns the outer slope of the laboratory's amplifier, k_amp_outer."""
+    """Returns k_amp_outer, the outer slope of the laboratory's amplifier."""
     return parameter("laboratory", "k_amp_outer")
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """Returns two values of a model's frequency response: the gain at 0.01 Hz, and the frequency in
-    Hz at which the gain is 3 dB lower."""
+    """Returns (gain at 0.01 Hz, frequency in Hz at which the gain is 3 dB lower) of a model's
+    frequency response."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
@@ -48,29 +48,28 @@ def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, floa
 
 def loop_rolloff_hz(k_amp: float) -> float:
     """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower than at
-    frequency 0. The shaft is locked. The gain of the current loop is k_amp k_current / (L s + R +
-    k_amp k_current)."""
+    frequency 0. The shaft is locked. The gain is k_amp k_current / (L s + R + k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     inductance = parameter("laboratory", "L")
     return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)
 
 
 def current_loop_gain(k_amp: float) -> float:
-    """Returns the ratio of current feedback to command at frequency 0, which is k_amp k_current /
-    (R + k_amp k_current)."""
+    """Returns the ratio of current feedback to command at frequency 0. It is k_amp k_current / (R +
+    k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     return feedback / (parameter("laboratory", "R") + feedback)
 
 
 def flatness(output: str, frequency_hz: float) -> float:
-    """Returns the gain at `frequency_hz` divided by the gain at 0.01 Hz. Both gains are those of
-    the laboratory's drive from the command to an output."""
+    """Returns the gain at `frequency_hz` divided by the gain at 0.01 Hz. Both are gains of the
+    laboratory's drive from the command to the output `output`."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
     return float(high / low)
 
 
 def preamplifier_phase() -> str:
-    """Returns a text that states if the current command follows the velocity command without a
+    """Returns a text that states whether the current command follows the velocity command without a
     phase shift at 1600 Hz."""
     phase = np.degrees(np.angle(response("laboratory", "drive.current_command", 1600.0)))
     return stated(bool(abs(phase) < 1), "zero", f"{phase:.2g} deg")
@@ -78,8 +77,7 @@ def preamplifier_phase() -> str:
 
 def phase_crossing_hz(output: str, model: str = "fig4_14") -> float | str:
     """Returns the frequency in Hz at which the phase from the command to an acceleration falls
-    through 0 degrees, without contact. Returns "none" if the phase never falls through 0
-    degrees."""
+    through 0 degrees, without contact. Returns "none" if it never does."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response(model, output, f, free=True)
     falls = (H.imag[:-1] > 0) & (H.imag[1:] <= 0) & (H.real[:-1] > 0)
@@ -87,8 +85,8 @@ def phase_crossing_hz(output: str, model: str = "fig4_14") -> float | str:
 
 
 def later_crossing() -> str:
-    """Returns a text that states if the phase of the motor's acceleration falls through 0 degrees
-    at a higher frequency than that of the tip."""
+    """Returns a text that compares the frequencies at which the phases of two accelerations fall
+    through 0 degrees. It states whether that of the motor is higher than that of the tip."""
     motor, tip = phase_crossing_hz(MOTOR), phase_crossing_hz(TIP)
     if isinstance(motor, str) or isinstance(tip, str):
         return f"motor {motor}, tip {tip}"
@@ -96,7 +94,7 @@ def later_crossing() -> str:
 
 
 def base_dip() -> tuple[float, float]:
-    """Returns frequency in Hz and phase in degrees at the first minimum of the phase of the tip
+    """Returns (frequency in Hz, phase in degrees) at the first minimum of the phase of the tip's
     acceleration, without contact."""
     f = np.linspace(5.0, 25.0, 8001)
     phase = np.degrees(np.unwrap(np.angle(response("fig4_14", TIP, f, free=True))))
@@ -105,8 +103,8 @@ def base_dip() -> tuple[float, float]:
 
 
 def more_lag() -> str:
-    """Returns a text that states if the tip's acceleration lags behind that of the motor at all
-    frequencies from 5 to 100 Hz."""
+    """Returns a text that states whether the tip's acceleration lags behind that of the motor at
+    all frequencies from 5 to 100 Hz."""
     f = np.linspace(5.0, 100.0, 2001)
     behind = np.unwrap(np.angle(response("fig4_14", TIP, f, free=True)
                                 / response("fig4_14", MOTOR, f, free=True)))  # fmt: skip
@@ -118,7 +116,7 @@ def more_lag() -> str:
 
 
 def same_poles() -> str:
-    """Returns a text that states if the accelerations of motor and tip have equal poles and
+    """Returns a text that states whether the accelerations of motor and tip have equal poles and
     different zeros."""
     motor, tip = (linear.linearise("fig4_14", outputs=(o,), free=True) for o in (MOTOR, TIP))
     poles = np.allclose(np.sort_complex(motor.poles()), np.sort_complex(tip.poles()))
@@ -128,60 +126,62 @@ def same_poles() -> str:
 
 
 def arm_peak(first: tuple[str, bool], second: tuple[str, bool]) -> str:
-    """Returns a text that states if the resonance of the arm is lower in one response of Fig 4.14
-    than in another. A response is (output, True without contact)."""
+    """Returns a text that states whether the resonance of the arm is lower in the first response of
+    Fig 4.14 than in the second. A response is (output, True without contact)."""
     low, high = (prominence_db("fig4_14", output, free, ARM_HZ) for output, free in (first, second))
     return stated(low < high, "lower", f"{low:.2g} and {high:.2g} dB")
 
 
 def crossing_phase_deg() -> float:
-    """Returns the phase in degrees of the open loop of motor and rigid robot at the frequency at
+    """Returns the phase in degrees of the open loop of motor and rigid robot, at the frequency at
     which the closed loop becomes unstable."""
     f = np.geomspace(0.1, crossing_hz("fig4_11"), 2000)
     return float(phase_deg(response("fig4_11", "reading", f))[-1])
 
 
 def resonances_below_80() -> str:
-    """Returns the frequencies of the resonances below 80 Hz of Fig 4.14 without contact."""
+    """Returns the frequencies of the resonances below 80 Hz in Fig 4.14, without contact."""
     return ", ".join(f"{hz:.3g}" for hz in resonances_hz("fig4_14") if hz < 80)
 
 
 @functools.cache
 def position_step(*sets: str) -> runs.Run:
-    """Returns the run of the 36,000-count step of Fig 3.13, with overrides."""
+    """Returns the run of the 36,000-count step of Fig 3.13. `sets`: overrides of the run."""
     return runs.run(paths.EXPERIMENTS / "position_step.toml", sets)
 
 
 def overshoot(*sets: str) -> str:
-    """Returns a text that states if the encoder's position overshoots in the step."""
+    """Returns a text that states whether the encoder's position overshoots in the step of Fig
+    3.13."""
     encoder = position_step(*sets).columns["encoder"]
     percent = 100 * (encoder.max() / 36000 - 1)
     return f"some: {percent:.2g} %" if percent > 0 else "none"
 
 
 def constant(speed: Numbers) -> str:
-    """Returns a text that states if a speed is constant, within 5 %."""
+    """Returns a text that states whether a speed is constant within 5 %."""
     change = float(np.ptp(speed) / speed.mean())
     return stated(change < 0.05, "constant", f"it changes by {100 * change:.2g} %")
 
 
 def steady_speed() -> str:
-    """Returns a text that states if the speed is constant from 30 to 70 % of the step."""
+    """Returns a text that states whether the speed is constant from 30 to 70 % of the step."""
     columns = position_step().columns
     part = (columns["encoder"] > 0.3 * 36000) & (columns["encoder"] < 0.7 * 36000)
     return constant(columns["robot.velocity"][part])
 
 
 def reverses() -> str:
-    """Returns a text that states if the output reverses to brake the axis, with its extremes."""
+    """Returns a text that states whether the output reverses to brake the axis, with its
+    extremes."""
     dac = position_step().columns["dac"]
     return stated(dac.min() < 0, "reverses", f"{dac.max():.0f} to {dac.min():.0f}")
 
 
 def flexible_step() -> str:
-    """Returns a text that states if the step with the flexible arm of the laboratory differs from
-    that of the rigid robot by less than 0.2 % of the travel. It starts 10 inch before the
-    workpiece."""
+    """Returns a text that compares the step with the flexible arm of the laboratory with that of
+    the rigid robot. It states whether they differ by less than 0.2 % of the travel. The step starts
+    10 inch before the workpiece."""
     sets = ("experiment.model=../models/laboratory.toml", "approach=0.254",
             "firmware.position_setpoint=-4000")  # fmt: skip
     moved = [one.columns["encoder"] for one in (position_step(), position_step(*sets))]
@@ -190,7 +190,8 @@ def flexible_step() -> str:
 
 
 def saturated() -> str:
-    """Returns which of output and current command reach the end of their range in the step."""
+    """Returns a text that names which of output and current command reach an end of their range in
+    the step of Fig 3.13."""
     columns = position_step().columns
     ends = {
         "output": columns["dac"].max() == 2047,
@@ -200,8 +201,8 @@ def saturated() -> str:
 
 
 def highest_by_setpoint() -> str:
-    """Returns a text that states if the highest stable gain of Fig 3.15 falls with the set-point,
-    with these gains in the runs."""
+    """Returns a text that states whether the highest stable gain of Fig 3.15 falls as the set-point
+    rises. The text has these gains from the runs."""
     highest: dict[int, int] = {}
     for one in cells():
         if one.figure == "3.15" and one.force_setpoint is not None and one.ours == "stable":
@@ -213,9 +214,9 @@ def highest_by_setpoint() -> str:
 
 
 def setpoint_of_3_16() -> str:
-    """Returns a text that states if gain 9 holds the contact and gain 10 does not, as Fig 3.16 has
-    it, from a set-point on at which Fig 3.15 permits it: gain 10 is stable there up to 10 counts
-    and unstable from 15 on. The text has the lowest such set-point."""
+    """Returns a text with the lowest set-point at which the runs agree with Fig 3.16: gain 9 holds
+    the contact, and gain 10 does not. By Fig 3.15, this is possible from 11 to 15 counts, because
+    gain 10 is stable up to 10 counts and unstable from 15 on."""
     pairs = list(product(range(10, 17), (9, 10)))
     found = verdicts(
         "contact",
@@ -235,8 +236,8 @@ def first_touch(run: runs.Run) -> int:
 
 
 def speed_before_touch() -> str:
-    """Returns a text that states if the speed of the robot is constant over the last 5 mm before
-    the contact of Fig 3.14."""
+    """Returns a text that states whether the speed of the robot is constant over the last 5 mm
+    before the contact of Fig 3.14."""
     run = runs.run(paths.EXPERIMENTS / "contact.toml")
     end = first_touch(run)
     start = int(np.searchsorted(run.columns["robot.position"][:end], -0.005))
@@ -244,8 +245,8 @@ def speed_before_touch() -> str:
 
 
 def contact_speed() -> str:
-    """Returns a text that states if the robot touches the workpiece more slowly than a strike moves
-    it, with both speeds in mm/s."""
+    """Returns a text that compares two speeds in mm/s. It states whether the robot touches the
+    workpiece at a lower speed than a strike gives to the workpiece."""
     run = runs.run(paths.EXPERIMENTS / "strike.toml")
     time_s = run.columns["time_s"]
     touch = run.columns["tip.velocity"][first_touch(run)]
@@ -254,7 +255,7 @@ def contact_speed() -> str:
 
 
 def lower_limit() -> str:
-    """Returns a text that states if a strike lowers the highest stable gain of a contact."""
+    """Returns a text that states whether a strike lowers the highest stable gain of a contact."""
     with_strike, contact = (highest_stable(test, "original") for test in ("disturbance", "contact"))
     return stated(with_strike < contact, "lower", f"{with_strike:g} instead of {contact:g}")
 

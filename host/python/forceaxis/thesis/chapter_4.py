@@ -41,15 +41,15 @@ TWICE = "b_b and b_rf of Fig 4.26 give base and arm 0.1, twice the typical value
 
 
 def pwm_lag() -> str:
-    """Returns a text that states if half a period of the power stage is a small lag at the crossing
-    of the rigid robot."""
+    """Returns a text that states whether half a period of the power stage is a small lag at the
+    frequency at which the loop of the rigid robot becomes unstable."""
     lag_deg = 360 * crossing_hz("fig4_11") / PWM_HZ / 2
     return stated(lag_deg < 1, "small", f"{lag_deg:.2g} deg")
 
 
 def tach_over_formula() -> float:
-    """Returns the ratio of tachometer voltage to motor voltage of the unloaded motor at frequency
-    0, divided by this ratio by the formula of thesis section 4.1.2."""
+    """Returns the ratio of tachometer voltage to motor voltage at frequency 0, divided by this
+    ratio from the formula of thesis section 4.1.2. The motor has no load."""
     tach, voltage = (response("fig4_5", f"drive.{name}", 1e-4) for name in ("tach", "voltage"))
     k_t, k_b, k_tach = (parameter("fig4_5", n) for n in ("k_torque", "k_back_emf", "k_tach"))
     formula = k_t * k_tach / (parameter("fig4_5", "R") * parameter("fig4_5", "b_m") + k_b * k_t)
@@ -57,24 +57,25 @@ def tach_over_formula() -> float:
 
 
 def reflected_b_m() -> float:
-    """Returns the printed damping of the motor, .02 N m s/rad, at the carriage in N s/m."""
+    """Returns the printed damping of the motor (.02 N m s/rad) at the carriage, in N s/m."""
     return 0.02 / printed("r_trans") ** 2
 
 
 def rotor_kg() -> float:
-    """Returns the mass in kg that the rotor has at the carriage."""
+    """Returns the inertia of the rotor as a mass in kg at the carriage."""
     return printed("J_m") / printed("r_trans") ** 2
 
 
 @functools.cache
 def fitted() -> resonance.Fit:
-    """Returns the polynomial model that is fitted to the tip acceleration of Fig 4.14 (4.2)."""
+    """Returns the polynomial model that is fitted to the tip acceleration of Fig 4.14 (section
+    4.2)."""
     return figures.fitted_resonances()[3]
 
 
 def fit_quality() -> str:
-    """Returns a text that states if the fitted model matches magnitude and phase of its data, with
-    the rms error of the magnitude and the error of the phase."""
+    """Returns a text that states whether the fitted model matches magnitude and phase of its data.
+    The text has the rms error of the magnitude and the error of the phase."""
     found = fitted()
     phase_deg = found.phase_error_deg or 0.0
     good = found.rms_db < 3 and phase_deg < 30
@@ -82,42 +83,42 @@ def fit_quality() -> str:
 
 
 def trough_ratio() -> float:
-    """Returns the ratio of two frequencies in the fitted model: trough of the base over peak of the
-    base."""
+    """Returns the frequency of the base's trough in the fitted model, divided by that of the base's
+    peak."""
     first = fitted().resonances[0]
     return (first.trough_hz or math.nan) / first.peak_hz
 
 
 def pairs() -> str:
-    """Returns how many pairs of poles and of zeros the fitted model has."""
+    """Returns a text about how many pairs of poles and of zeros the fitted model has."""
     found = fitted().resonances
     return f"{len(found)} and {sum(one.trough is not None for one in found)}"
 
 
 def kind_of_zeros() -> str:
-    """Returns a text that states if the zeros of the fitted model are complex."""
+    """Returns a text that states whether the zeros of the fitted model are complex."""
     zeros = fitted().cascade().zeros
     return "complex" if len(zeros) and (zeros.imag != 0).all() else "real"
 
 
 def zero_at_origin() -> int:
-    """Returns the number of zeros at 0 that the acceleration of the rigid robot has more than poles
-    at 0."""
+    """Returns the number of zeros at 0 minus the number of poles at 0, for the acceleration of the
+    rigid robot."""
     system = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
     at_0 = [int(np.sum(abs(roots) < 1e-3)) for roots in (system.zeros(), system.poles())]
     return at_0[0] - at_0[1]
 
 
 def alone_zeta() -> float:
-    """Returns the mean damping ratio of base and arm, each by itself."""
+    """Returns the mean of two damping ratios: of the base alone and of the arm alone."""
     arm = pole("fig4_15", 33, free=True, drive=False)[1]
     base = printed("b_b") / 2 / math.sqrt(printed("k_b") * (printed("m_b") + printed("m_r")))
     return (arm + base) / 2
 
 
 def motor_poles() -> str:
-    """Returns a text that states if the two fastest poles of motor and rigid robot lie beyond the
-    crossing."""
+    """Returns a text that states whether the two fastest poles of motor and rigid robot are at
+    higher frequencies than that at which the loop becomes unstable."""
     hz = np.sort(abs(linear.linearise("fig4_11").poles()))[-2:] / (2 * math.pi)
     text = " and ".join(f"{one:.3g}" for one in hz)
     return stated(hz[0] > crossing_hz("fig4_11"), "beyond", f"{text} Hz")
@@ -130,48 +131,50 @@ def stiffnesses() -> str:
 
 
 def least_zeta(model: str, part: float) -> float:
-    """Returns the smallest damping ratio of the closed-loop poles at a fraction of the critical
-    gain."""
+    """Returns the smallest damping ratio of the closed-loop poles. The gain is the share `part` of
+    the critical gain."""
     poles = loops.force_loop(model, timing="continuous").closed_poles(part * critical_gain(model))
     return float((-poles.real / abs(poles)).min())
 
 
 def soft_workpiece_mode() -> str:
-    """Returns a text that states if the soft workpiece has a mode with a damping ratio below 0.02
-    at a quarter of its critical gain."""
+    """Returns a text that states whether the soft workpiece has a mode with a damping ratio below
+    0.02 at a quarter of its critical gain."""
     zeta = least_zeta("fig4_22", 0.25)
     return stated(zeta < 0.02, "very underdamped", f"damping ratio {zeta:.2g}")
 
 
 def no_low_crossing() -> str:
-    """Returns a text that states if the loop with the soft grip is stable up to its crossing at the
-    sensor's frequency, so that no root crosses at a low frequency."""
+    """Returns a text that states whether no root crosses the stability boundary at a low frequency
+    with the soft grip. The first crossing is then at the sensor's frequency."""
     crossings = [c.frequency_hz or 0.0 for c in limit("fig4_25").crossings if c.direction > 0]
     return stated(min(crossings) > 100, "none", f"first at {min(crossings):.3g} Hz")
 
 
 def base_lag_deg() -> float:
-    """Returns the largest lag in degrees that the base adds to the force response with motor."""
+    """Returns the largest lag in degrees that the base adds to the force response with the
+    motor."""
     return float(-added_phase_deg("fig4_17", "fig4_11", span_hz=(5.0, 60.0)).min())
 
 
 def base_excited() -> str:
-    """Returns a text that states if a command of the frequency of the base moves the base more than
-    a command of half and of twice this frequency."""
+    """Returns a text that states whether the base moves more with a command at its own frequency
+    than with commands at half and at twice of it."""
     half, at, twice = abs(response("fig4_17", "base.position", [6.0, 12.0, 24.0]))
     return stated(at > max(half, twice), "more", f"{at / half:.2g} and {at / twice:.2g} times")
 
 
 def base_in_force() -> str:
-    """Returns a text that states if the model shows the base's resonance in the force although the
-    measurement does not, with its height in dB in force and tip acceleration."""
+    """Returns a text that states whether the model shows the base's resonance in the force,
+    although the measurement does not. The text has its height in dB in the force and in the tip
+    acceleration."""
     force = prominence_db("fig4_14", "reading", False, BASE_HZ)
     tip = prominence_db("fig4_14", "tip.acceleration", True, BASE_HZ)
     return stated(force > tip / 2, "not explained", f"{force:.2g} and {tip:.2g} dB in the model")
 
 
 def other_split() -> str:
-    """Returns both solutions for m_r1 of the equations of thesis section 4.4.2, in kg."""
+    """Returns both solutions in kg for m_r1 of the equations of thesis section 4.4.2."""
     total = printed("m_r")
     product = total * printed("k_rf") / (2 * math.pi * pole_of_4_4_2()) ** 2
     found = np.sort(np.roots([1, -total, product]).real)
@@ -179,14 +182,14 @@ def other_split() -> str:
 
 
 def pole_of_4_4_2() -> float:
-    """Returns the frequency in Hz of the arm mode by the formula of thesis section 4.4.2."""
+    """Returns the frequency in Hz of the arm's mode by the formula of thesis section 4.4.2."""
     m1, m2 = printed("m_r1"), printed("m_r2")
     return math.sqrt(printed("k_rf") * (m1 + m2) / (m1 * m2)) / (2 * math.pi)
 
 
 def locked_ratio() -> float:
-    """Returns the frequency of the arm with its motor locked over that by the formula of thesis
-    section 4.4.2, in which both masses are free."""
+    """Returns the frequency of the arm with its motor locked, divided by that from the formula of
+    thesis section 4.4.2. Both masses are free in this formula."""
     locked_hz = math.sqrt(printed("k_rf") / printed("m_r2")) / (2 * math.pi)
     return locked_hz / pole("fig4_15", 33, drive=False, free=True)[0]
 

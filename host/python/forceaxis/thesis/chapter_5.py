@@ -27,17 +27,17 @@ from forceaxis.thesis.analysis import (
 )
 from forceaxis.thesis.claim import Claim, compared, stated
 
-SOFTER = 0.25  # of the sensor's stiffness
+SOFTER = 0.25  # stiffness of a softer sensor as a share of the printed one
 ONE_MORE = "gain 9 with a strike is stable here; a damper that yields would give it, see the report"
 
 
 def workpiece_damping(b_w: float) -> float:
-    """Returns the damping ratio of the workpiece alone, with the damping `b_w` in N s/m."""
+    """Returns the damping ratio of the workpiece alone. `b_w`: its damping in N s/m."""
     return pole("fig4_19", 39.8, overrides={"b_w": b_w}, free=True)[1]
 
 
 def higher_gains_percent(test: str) -> float:
-    """Returns by how many per cent the damped workpiece increases the highest stable gain."""
+    """Returns by how many per cent the highest stable gain is higher with the damped workpiece."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 
@@ -47,16 +47,17 @@ def grip_zero_hz(model: str, near_hz: float) -> float:
 
 
 def cancelled() -> str:
-    """Returns a text that states if the zeros of the grip cancel the poles of the workpiece as the
-    stiffness of the grip goes to 0, here to a thousandth, with its damping in proportion."""
+    """Returns a text that states whether the zeros of the grip cancel the poles of the workpiece as
+    the stiffness of the grip goes to 0. Here it goes to a thousandth, with its damping in
+    proportion."""
     softest = {name: printed(name) / 1000 for name in ("k_g", "b_g")}
     parts = [spacing("fig4_25", 40.8, 39.2), spacing("fig4_25", 39.8, 39.8, **softest)]
     return stated(parts[1] < 1e-3, "cancel", f"{100 * parts[0]:.2g} to {100 * parts[1]:.1g} %")
 
 
 def dominant() -> str:
-    """Returns a text that states if the least damped closed-loop poles with the soft grip, at gain
-    10, have the frequency of the workpiece."""
+    """Returns a text that states whether the least damped closed-loop poles with the soft grip have
+    the frequency of the workpiece, at gain 10."""
     loop = loops.force_loop("fig4_25", timing="continuous")
     poles = loop.closed_poles(loop.gain_of(10.0))
     hz = abs(poles[np.argmin(-poles.real / abs(poles))]) / (2 * math.pi)
@@ -69,54 +70,54 @@ def zeta(b: float, k: float, m: float) -> float:
 
 
 def grip_damps_robot() -> str:
-    """Returns a text that states if the grip damps the robot too little to matter."""
+    """Returns a text that states whether the damping of the robot by the grip is negligible."""
     ratio = zeta(printed("b_g"), printed("k_g"), printed("m_r"))
     return stated(ratio < 0.05, "too little", f"damping ratio {ratio:.2g}")
 
 
 def grip_damps_sensor() -> str:
-    """Returns a text that states if the grip damps the sensor's mass well."""
+    """Returns a text that states whether the grip damps the sensor's mass well."""
     ratio = zeta(printed("b_g"), printed("k_g"), printed("m_s"))
     return stated(ratio > 0.1, "well", f"damping ratio {ratio:.2g}")
 
 
 def lead() -> str:
-    """Returns a text that states if the zeros of the soft grip lie below its poles, as those of a
-    lead compensator."""
+    """Returns a text that states whether the zeros of the soft grip are below its poles, as those
+    of a lead compensator."""
     zeros_hz, poles_hz = grip_zero_hz("fig4_25", 68.0), pole("fig4_25", 156.0)[0]
     return stated(zeros_hz < poles_hz, "zeros first", f"{zeros_hz:.3g} and {poles_hz:.3g} Hz")
 
 
 def contact_hz(part: float, k_s: float) -> float:
-    """Returns the frequency in Hz of the vibration of rigid robot and motor in contact, for a gain,
-    given as a fraction of the printed limit, and a stiffness of the sensor in N/m."""
+    """Returns the frequency in Hz at which rigid robot and motor vibrate in contact. `part`: gain
+    as a share of the printed limit. `k_s`: stiffness of the sensor in N/m."""
     loop = loops.force_loop("fig4_11", timing="continuous", overrides={"k_s": k_s})
     poles = loop.closed_poles(part * critical_gain("fig4_11"))
     return abs(nearest(poles, 0.0)) / (2 * math.pi)
 
 
 def soft_over_none(frequency_hz: float) -> float:
-    """Returns the loop gain with the soft grip over that without grip, at a frequency."""
+    """Returns the loop gain with the soft grip, divided by that without grip, at one frequency."""
     soft, none = (abs(response(m, "reading", frequency_hz)) for m in ("fig4_25", "fig4_19"))
     return float(soft / none)
 
 
 def reshaped() -> str:
-    """Returns a text that states if the soft grip does more than lower the loop gain: its higher
-    critical gain times its lower loop gain at 10 Hz is then not 1."""
+    """Returns a text that states whether the soft grip does more than lower the loop gain. If it
+    does, the ratio of the critical gains times the ratio of the loop gains at 10 Hz is not 1."""
     product = critical_gain("fig4_25") / critical_gain("fig4_19") * soft_over_none(10.0)
     return stated(abs(product - 1) > 0.1, "changes", f"{product:.3g} times beyond the loop gain")
 
 
 def motion_per_force(model: str) -> float:
-    """Returns the motion of the robot in m for 1 N of sensed force at frequency 0."""
+    """Returns the motion of the robot in m for a measured force of 1 N at frequency 0."""
     moved, sensed = (abs(response(model, o, 1e-4, drive=False))
                      for o in ("robot.position", "reading"))  # fmt: skip
     return float(moved / sensed)
 
 
 def together(k_g: float) -> float:
-    """Returns the motion of the sensor's mass over that of the workpiece at 20 Hz."""
+    """Returns the motion of the sensor's mass, divided by that of the workpiece, at 20 Hz."""
     ends = [
         response("fig4_25", f"{body}.position", 20.0, {"k_g": k_g})
         for body in ("sensor_mass", "workpiece")
@@ -125,15 +126,16 @@ def together(k_g: float) -> float:
 
 
 def moves_apart() -> str:
-    """Returns a text that states if sensor and workpiece move together behind a stiff grip and
-    apart behind a soft one."""
+    """Returns a text that states whether sensor and workpiece move together with a stiff grip, and
+    apart with a soft one."""
     stiff, soft = together(1e7), together(printed("k_g"))
     return stated(abs(stiff - 1) < 0.1 and soft > 2, "apart", f"{soft:.3g} against {stiff:.3g}")
 
 
 @functools.cache
 def touch_speed(workpiece: str) -> float:
-    """Returns the speed in m/s at the first contact of the highest stable gain of Fig 5.10."""
+    """Returns the speed in m/s at the first contact. The gain is the highest stable one of Fig
+    5.10."""
     gain = highest_stable("contact", workpiece)
     run = runs.run(
         paths.EXPERIMENTS / "contact.toml",
@@ -145,14 +147,14 @@ def touch_speed(workpiece: str) -> float:
 
 
 def much_faster() -> str:
-    """Returns a text that states if the damped workpiece permits a much faster contact, by more
-    than a quarter."""
+    """Returns a text that states whether the first contact with the damped workpiece may be faster
+    by more than a quarter."""
     ratio = touch_speed("damped") / touch_speed("original")
     return stated(ratio > 1.25, "much higher", f"{ratio:.3g} times")
 
 
 def corner() -> str:
-    """Returns the verdict of the run at gain 10 and set-point 15 without a pad, in Fig 3.15."""
+    """Returns the verdict of the run at gain 10 and set-point 15 without a pad, as in Fig 3.15."""
     return next(
         c.ours for c in cells() if (c.figure, c.force_gain, c.force_setpoint) == ("3.15", 10, 15)
     )

@@ -23,26 +23,28 @@ from forceaxis.thesis.analysis import (
 from forceaxis.thesis.chapter_2 import ARM_DAMPING, LIGHT_BASE
 from forceaxis.thesis.claim import Claim, compared, stated
 
-# Two links. The second has its mass at the end, beyond the center of percussion of a uniform link.
+# Two links. The mass of the second link is at its end, beyond the centre of percussion of a uniform
+# link.
 MASS_AT_THE_END = TwoLinkArm(c2=TwoLinkArm.l2)
 
 
 def arm_lag_deg(times: float = 1.0) -> float:
-    """Returns the largest lag in degrees that the flexible arm adds to the force response with
-    motor, with its damping multiplied by `times`."""
+    """Returns the largest lag in degrees that the flexible arm adds to the force response with the
+    motor. The damping of the arm is multiplied by `times`."""
     b_rf = times * parameter("fig4_15", "b_rf")
     return float(-added_phase_deg("fig4_15", "fig4_11", b_rf=b_rf).min())
 
 
 def colocated_lag_deg() -> float:
-    """Returns the largest lag in degrees that the base adds to the force response with motor,
-    without damping."""
+    """Returns the largest lag in degrees that the base adds to the force response with the motor.
+    The base has no damping."""
     return float(-added_phase_deg("fig4_17", "fig4_11", span_hz=(5.0, 60.0), b_b=0.0).min())
 
 
 def stiff_arm(above: float) -> str:
-    """Returns a text that states if an arm whose mode is `above` times the crossover of the rigid
-    robot leaves this crossover, within 10 %."""
+    """Returns a text that states whether a stiff arm changes the frequency at which the loop of the
+    rigid robot becomes unstable by less than 10 %. The arm's mode is at `above` times this
+    frequency."""
     k_rf = parameter("fig4_15", "k_rf")
     times = (above * crossing_hz("fig4_11") / pole("fig4_15", 35, drive=False)[0]) ** 2
     ratio = crossing_hz("fig4_15", k_rf=times * k_rf) / crossing_hz("fig4_11")
@@ -50,51 +52,52 @@ def stiff_arm(above: float) -> str:
 
 
 def labels() -> str:
-    """Returns the labels of the modes of base, workpiece and arm, with motor and in contact."""
+    """Returns a text with the labels of the modes of base, workpiece and arm, with the motor and in
+    contact."""
     names = {"base": "fig4_17", "workpiece": "fig4_19", "arm": "fig4_15"}
     return ", ".join(f"{name} {label(model, 2)}" for name, model in names.items())
 
 
 def added_zeros() -> int:
     """Returns the number of zeros that the signal of a velocity-sensing force sensor adds to the
-    loop."""
+    force loop."""
     spec = loops.LoopSpec("derivative", "continuous", parameters={"derivative_s": 0.005})
     plain = loops.force_loop("fig4_11", timing="continuous")
     return len(spec.around("fig4_11").open.zeros()) - len(plain.open.zeros())
 
 
 def bandwidth_ratio(law: str, **parameters: float) -> str:
-    """Returns a text that states if the crossing of rigid robot and motor is higher with a law than
-    with the gain alone."""
+    """Returns a text that compares the frequencies at which the loop of rigid robot and motor
+    becomes unstable. It states whether that with the law `law` is higher than that with the gain
+    alone."""
     spec = loops.LoopSpec(law, "continuous", parameters=parameters)
     hz = spec.around("fig4_11").limit().frequency_hz
     return "higher: no limit" if hz is None else compared(hz / crossing_hz("fig4_11"), "higher")
 
 
 def steady_error(model: str) -> float:
-    """Returns the error of the force, as a fraction of the set-point, at half of the critical
-    gain."""
+    """Returns the error of the force at half of the critical gain, as a share of the set-point."""
     loop = loops.force_loop(model, timing="continuous")
     return float(1 / (1 + critical_gain(model) / 2 * abs(loop.open.response(1e-4))))
 
 
 def lowest_zero_hz(k_w: float) -> float:
-    """Returns the frequency in Hz of the zeros of the workpiece, for its stiffness in N/m."""
+    """Returns the frequency in Hz of the zeros of the workpiece. `k_w`: its stiffness in N/m."""
     zeros = linear.linearise("fig4_19", overrides={"k_w": k_w}).zeros()
     return float(min(abs(zeros[zeros.imag > 0]))) / (2 * math.pi)
 
 
 def nearer_zeros() -> str:
-    """Returns a text that states if the zeros of a softer workpiece are nearer to the poles of the
-    rigid robot, which are below 20 Hz."""
+    """Returns a text that states whether the zeros of a softer workpiece are nearer to the poles of
+    the rigid robot. These poles are below 20 Hz."""
     k_w = parameter("fig4_19", "k_w")
     soft, printed = lowest_zero_hz(k_w / 4), lowest_zero_hz(k_w)
     return stated(soft < printed, "nearer", f"{soft:.3g} instead of {printed:.3g} Hz")
 
 
 def two_links() -> str:
-    """Returns a text that states if the zeros of the two-link arm are in the right half-plane for
-    some masses and not for others."""
+    """Returns a text that states whether the zeros of the two-link arm are in the right half-plane
+    for some masses and not for others."""
     uniform = TwoLinkArm()
     found = {uniform.nonminimum_phase(), MASS_AT_THE_END.nonminimum_phase()}
     zeros = uniform.system().select(("torque1",), ("normal",)).zeros()
@@ -103,8 +106,8 @@ def two_links() -> str:
 
 
 def arm_is_stable(arm: TwoLinkArm, output: str) -> bool:
-    """Returns True if the arm is stable while torque 1 feeds back a position and 0.1 s of its
-    velocity, at gains from 1 to 1e6 N m/rad or N. A damper acts on joint 2."""
+    """Returns True if the arm is stable at gains from 1 to 1e6 N m/rad or N. Torque 1 feeds back a
+    position plus 0.1 s times its velocity, and a damper acts on joint 2."""
     system = replace(arm, d2=20.0).system().select(("torque1",), (output,))
     fed = system.C + 0.1 * system.C @ system.A
     closed = (system.A - gain * system.B @ fed for gain in np.geomspace(1.0, 1e6, 25))
@@ -112,9 +115,9 @@ def arm_is_stable(arm: TwoLinkArm, output: str) -> bool:
 
 
 def zeros_limit() -> str:
-    """Returns a text that states if the zeros in the right half-plane limit the gain of the
-    two-link arm: its endpoint has a limit, its joint and the endpoint without such zeros have
-    none."""
+    """Returns a text that states whether zeros in the right half-plane limit the gain of the
+    two-link arm. If they do, its endpoint has a limit. Its joint, and an endpoint without such
+    zeros, have none."""
     endpoint = arm_is_stable(TwoLinkArm(), "normal")
     others = arm_is_stable(TwoLinkArm(), "joint1") and arm_is_stable(MASS_AT_THE_END, "normal")
     return "limit the gain" if others and not endpoint else "do not limit the gain"

@@ -8,28 +8,28 @@ from forceaxis.words import plain
 
 @dataclass(frozen=True)
 class CheckedClaim:
-    """One number or statement of the thesis, together with the value that a model of the thesis
-    gives."""
+    """One number or statement of the thesis, and the value that a model of the thesis gives for
+    it."""
 
     where: str
     what: str
     thesis: float | str
     ours: float | str
     unit: str
-    # Largest permitted relative difference from the number of the thesis. None for a statement.
+    # Largest permitted relative difference from the number of the thesis; None for a statement.
     within: float | None
     agrees: bool
-    why: str  # reason why the value of the model differs from the thesis
+    why: str  # reason why the value of the model differs from that of the thesis
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One number or statement of the thesis. `what` names it and is different for each claim.
+    """One number or statement of the thesis. `what`: its name, which is different for each claim.
 
-    `ours` computes the value from the models. A number agrees if it differs from that of the thesis
-    by the fraction `within` at most; with `at_least`, a larger number agrees too. A text agrees if
-    it is that of the thesis, also with a value behind a colon ("higher: 2.83 times"). `why` is the
-    reason for a difference.
+    `ours`: function that computes the value from the models. A number agrees if its relative
+    difference from that of the thesis is at most `within`. With `at_least`, a larger number agrees
+    too. A text agrees if its part before a colon is that of the thesis, as in "higher: 2.83 times".
+    `why`: reason for a difference.
     """
 
     where: str
@@ -42,8 +42,8 @@ class Claim:
     at_least: bool = False
 
     def checked(self) -> CheckedClaim:
-        """Computes the value that the model gives for a claim of the thesis. Returns the claim
-        together with this value."""
+        """Computes the value that the models give for this claim. Returns the claim with this
+        value."""
         ours = self.ours()
         if isinstance(self.thesis, str) or isinstance(ours, str):
             agrees = str(ours).partition(":")[0] == self.thesis
@@ -63,12 +63,12 @@ class Claim:
 
 
 def stated(holds: bool, word: str, value: str) -> str:
-    """Returns the text of a statement with the value behind it: "higher: 2.83 times" if the
-    statement holds, otherwise "not higher: 0.9 times"."""
+    """Returns the text of a statement, with a value after a colon. It is "higher: 2.83 times" if
+    the statement holds, otherwise "not higher: 0.9 times"."""
     return f"{word}: {value}" if holds else f"not {word}: {value}"
 
 
 def compared(ratio: float, word: str, below: bool = False) -> str:
     """Returns the text of a statement about a ratio of two values. `word`, such as "higher", holds
-    if the ratio is above 1, with `below` if the ratio is below 1."""
+    if the ratio is above 1. With `below`, it holds if the ratio is below 1."""
     return stated(ratio < 1 if below else ratio > 1, word, f"{plain(ratio)} times")

@@ -1,8 +1,8 @@
-"""The numbers that the thesis quotes, and the numbers that the models of the thesis give.
-A check compares both.
+"""The check of the thesis: compares the numbers that the thesis quotes with those that its models
+give.
 
-Each chapter has a module with its claims; sentences.toml lists the sentences of the thesis to which
-they belong.
+Each chapter has a module with its claims. The file sentences.toml lists the sentences of the thesis
+to which the claims belong.
 """
 
 from dataclasses import dataclass
@@ -21,18 +21,17 @@ CLAIMS = [
 
 @dataclass(frozen=True)
 class CheckedClaims:
-    """All numbers and statements of the thesis, together with the values that the models give."""
+    """All numbers and statements of the thesis, each with the value that a model gives."""
 
     claims: list[CheckedClaim]
-    agree: int  # number of claims of the thesis with which the models agree
-    differ: int  # number of claims of the thesis with which the models disagree
-    # number of claims of the thesis that differ from the model without a known reason
+    agree: int  # number of claims with which the models agree
+    differ: int  # number of claims with which the models disagree
+    # number of claims that differ from the models without a known reason
     unexplained: int
 
 
 def check() -> CheckedClaims:
-    """Returns all numbers and statements of the thesis, each together with the value that a model
-    gives."""
+    """Returns all numbers and statements of the thesis, each with the value that a model gives."""
     claims = [claim.checked() for claim in CLAIMS]
     return CheckedClaims(
         claims=claims,
@@ -43,8 +42,8 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """Returns a number with its unit as text. Numbers below 1000 have 3 digits, and larger numbers
-    have no decimals. A value that already is a text is returned unchanged."""
+    """Returns a number with its unit as text. A number below 1000 has 3 digits, and a larger number
+    has no decimals. A value that is already a text is returned unchanged."""
     if not isinstance(number, str):
         number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     return f"{number} {unit}".strip()

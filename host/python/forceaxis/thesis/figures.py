@@ -1,5 +1,5 @@
-"""The Bode plots, root loci and pole-zero arrays of the thesis, and the functions that draw these
-plots from models."""
+"""The Bode plots, root loci and pole-zero arrays of the thesis. The functions draw these plots from
+models."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,19 +17,21 @@ from forceaxis.linear.system import System
 
 Response = NDArray[np.complex128]
 Settings = dict[str, float]  # {model parameter: value}
-Run = tuple[str, str, Settings | None]  # Model, label of the curve and parameter values of one run.
+Run = tuple[str, str, Settings | None]  # (model, label of the curve, parameter values)
 Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
-# Arguments of a drawing function, with the names of the arguments as keys.
+# {argument of a drawing function: value}
 Options = Mapping[str, str | float | tuple[float, float]]
 
-# Inputs and outputs of the frequency responses: command voltage to measured force, force of a
-# perfect actuator to measured force, and command voltage to tachometer voltage.
+# Inputs and outputs of the frequency responses.
+# VOLTAGE: from command voltage to measured force.
+# FORCE: from the force of a perfect actuator to measured force.
+# TACH: from command voltage to tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
 
-# The function that draws each kind of plot, with the kind of the plot as key.
+# {kind of a plot: function that draws it}
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "bode": plots.bode,
     "rlocus": plots.rlocus,
@@ -42,16 +44,16 @@ class ThesisFigure:
     """One plot of the thesis (Bode plot, root locus or pole-zero array) that is drawn from
     models."""
 
-    figure: str  # number of the figure
+    figure: str  # number of the figure in the thesis
     kind: str  # a key of DRAWINGS
     title: str
-    see: str  # text about what a reader sees in the plot
+    see: str  # text about what the reader sees in the plot
     data: Source  # function that computes the data of the plot
-    # Further arguments of the function that draws the plot.
+    # further arguments of the function that draws the plot
     options: Options = field(default_factory=dict)
 
     def draw(self, data: Data | None = None) -> Figure:
-        """Draws the plot. `data` is the result of the method data(), if it is already computed."""
+        """Draws the plot. `data`: result of the method data(), if it is already computed."""
         title = f"Fig {self.figure}: {self.title}"
         return DRAWINGS[self.kind](self.data() if data is None else data, title, **self.options)
 
@@ -61,7 +63,7 @@ def responses(
     span_hz: tuple[float, float] = (0.5, 200.0),
     channel: curves.Channel = VOLTAGE,
 ) -> list[curves.Curve]:
-    """Computes one frequency response for each run. `channel` selects input and output of the
+    """Returns one frequency response for each of `runs`. `channel`: input and output of the
     frequency response."""
     return [
         curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
@@ -70,8 +72,8 @@ def responses(
 
 
 def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[curves.Curve]:
-    """Returns the frequency responses of one model to several outputs. `names` is {output: label of
-    the curve}."""
+    """Returns the frequency responses of one model to several outputs. `names`: {output: label of
+    its curve}."""
     return [
         curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
         for output, label in names.items()
@@ -85,22 +87,22 @@ def loci(*runs: Run, span_hz: float | None = None) -> list[locus.Locus]:
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
-    """Returns several runs of one model. Each run has another value of one parameter, in the unit
-    `unit`."""
+    """Returns several runs of one model. Each run has another value of the parameter `parameter`,
+    in the unit `unit`."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
-BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # beam with example values: 17.9 kg, first mode at 103 Hz
+BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # example values: 17.9 kg, first mode at 103 Hz
 LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
 ARM = beam.TwoLinkArm()
 
 
 def beam_curves() -> list[curves.Curve]:
-    """Fig 2.22: the exact velocity responses of a distributed-parameter beam, at the actuator and
-    at the tip of the beam."""
+    """Returns the curves of Fig 2.22. They are the exact velocity responses of a
+    distributed-parameter beam, at its actuator and at its tip."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    # Adds the damping ratio 0.001 to the poles and zeros of the beam, because the beam is undamped.
+    # The beam is undamped. Its poles and zeros get the damping ratio 0.001 here.
     roots = roots - 1e-3 * np.abs(roots)
     frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
@@ -113,8 +115,8 @@ def beam_curves() -> list[curves.Curve]:
 
 
 def beam_arrays() -> list[locus.Array]:
-    """Fig 2.23: the pole-zero arrays of a distributed-parameter beam up to the fourth bending mode,
-    at the actuator and at the tip of the beam."""
+    """Returns the arrays of Fig 2.23. They are the poles and zeros of a distributed-parameter beam
+    up to its fourth bending mode, at its actuator and at its tip."""
     poles = BEAM.poles(4)
     return [
         locus.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
@@ -123,17 +125,17 @@ def beam_arrays() -> list[locus.Array]:
 
 
 def arrays(system: System, names: dict[str, str], input: str | None = None) -> list[locus.Array]:
-    """Returns one pole-zero array for each output of a system. `names` is {output: label of the
+    """Returns one pole-zero array for each output of a system. `names`: {output: label of its
     array}."""
     inputs = (input,) if input else None
     return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
 
 def measured(*runs: Run) -> list[curves.Curve]:
-    """Returns the frequency responses that the models predict for the measurements of thesis
+    """Returns the frequency responses that the models predict for the measurements in thesis
     section 3.2.
 
-    runs: (stem of a file in sim/measurements, label, model parameters or None).
+    runs: (file name in sim/measurements without suffix, label, parameter values or None).
     """
     found = []
     for stem, label, settings in runs:
@@ -151,8 +153,8 @@ def measured(*runs: Run) -> list[curves.Curve]:
 
 
 def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
-    """Returns the data of Fig 4.14 without contact: frequencies in Hz, tip acceleration, system of
-    the rigid body, and the fitted resonance model of thesis section 4.2."""
+    """Returns the data of Fig 4.14 without contact: (frequencies in Hz, tip acceleration, system of
+    the rigid body, resonance model of thesis section 4.2 that is fitted to them)."""
     frequency = np.geomspace(1, 200, 1500)
     tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
     rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
@@ -161,8 +163,8 @@ def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonanc
 
 
 def resonance_curves() -> list[curves.Curve]:
-    """Fig 4.8: the frequency response of the lumped-parameter model, and the polynomial model that
-    is fitted to this response."""
+    """Returns the curves of Fig 4.8. They are the frequency response of the lumped-parameter model,
+    and that of the polynomial model that is fitted to it."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))
@@ -173,8 +175,8 @@ def resonance_curves() -> list[curves.Curve]:
 
 
 def resonance_array() -> list[locus.Array]:
-    """Fig 4.9: poles and zeros of the polynomial model that is fitted to the lumped-parameter
-    model."""
+    """Returns the array of Fig 4.9. It has the poles and zeros of the polynomial model that is
+    fitted to the lumped-parameter model."""
     _, _, rigid, fit = fitted_resonances()
     own = locus.array(rigid)
     zeros, poles, _ = fit.cascade().zpk()
@@ -182,8 +184,8 @@ def resonance_array() -> list[locus.Array]:
 
 
 def three_problems() -> list[curves.Curve]:
-    """Fig 6.1: two force responses on a rigid workpiece, of the robot with base and arm, and of the
-    rigid axis with its actuator."""
+    """Returns the curves of Fig 6.1. They are two force responses on a rigid workpiece: of the
+    robot with base and arm, and of the rigid axis with its actuator."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
         curves.model_curve(

@@ -1,5 +1,5 @@
-"""The effect of contact and Coulomb friction on stability (thesis section 2.7), from simulated runs
-with several gains and initial gaps."""
+"""The effect of contact and Coulomb friction on stability (thesis section 2.7). It is computed from
+simulated runs with several gains and initial gaps."""
 
 import shlex
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from forceaxis.experiments.verdicts import NOT_STABLE
 from forceaxis.linear import loops
 
 # Gains and initial gaps of the table of runs in contact.
-# A gain is relative to the largest stable gain of the linear loop.
+# A gain is a multiple of the largest stable gain of the linear loop.
 # A gap is the distance in m between robot and workpiece.
 GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
 GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 
-# Runs with Coulomb friction: friction forces in N, gains relative to the largest stable gain of
-# the linear loop, and initial gaps in m between robot and workpiece.
+# Runs with Coulomb friction: friction forces in N (COULOMB), gains and initial gaps.
+# These gains and gaps are defined as above.
 COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
 FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
 FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
@@ -27,26 +27,26 @@ FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
 
 @dataclass
 class ContactMap:
-    """Table of simulated runs that shows which runs end in a limit cycle. Rows are gains (GAINS),
-    and columns are initial gaps (GAPS)."""
+    """Table that shows which simulated runs end in a limit cycle. Rows are gains (GAINS), and
+    columns are initial gaps (GAPS)."""
 
     title: str
     limit: float  # largest gain at which the linear, sampled loop is stable
-    hz: float  # frequency in Hz of the oscillation at the largest stable gain
+    hz: float  # frequency in Hz of the oscillation at this largest gain
     cycles: NDArray[np.bool_]
     command: str  # command line with which the user can repeat one of the runs
 
     def counts(self, above: bool) -> tuple[int, int]:
-        """Returns the number of runs with a limit cycle and the number of all runs. Only runs with
-        a gain above the linear limit are counted if `above` is True, otherwise only runs with a
-        gain below this limit."""
+        """Returns (number of runs with a limit cycle, number of runs). With `above`, only runs with
+        a gain above the linear limit are counted. Otherwise only runs with a gain below it are
+        counted."""
         part = self.cycles[(np.array(GAINS) > 1) == above]
         return int(part.sum()), part.size
 
 
 def flexible_robot(b_rf: float) -> tuple[float, float]:
-    """Returns the largest stable gain of the linear model of Fig 2.42 in contact, and the frequency
-    in Hz of the oscillation at this gain."""
+    """Returns (largest stable gain, frequency in Hz of the oscillation at this gain) of the linear
+    model of Fig 2.42 in contact."""
     loop = loops.force_loop("fig2_42", overrides={"b_rf": b_rf})
     limit = loop.limit()
     if limit.gain is None or limit.frequency_hz is None:
@@ -61,8 +61,9 @@ def cycles(
     gaps: Sequence[float],
     threads: int,
 ) -> tuple[NDArray[np.bool_], str]:
-    """Runs an experiment with several gains and initial gaps. Returns the command line of one run,
-    and an array with True for each run with a limit cycle (rows: gains, columns: gaps)."""
+    """Runs an experiment with several gains and initial gaps. Returns (array, command line of one
+    run). The array is True for each run with a limit cycle. Its rows are gains, and its columns are
+    gaps."""
     path = paths.EXPERIMENTS / f"{experiment}.toml"
     texts = [f"{name}={value!r}" for name, value in settings.items()]
     jobs = [
@@ -77,8 +78,8 @@ def cycles(
 
 
 def contact_maps(threads: int) -> list[ContactMap]:
-    """Returns a ContactMap for each of three variants of Fig 2.42: a lightly damped arm, the arm of
-    the laboratory, and the arm of the laboratory with friction."""
+    """Returns a ContactMap for each of three variants of Fig 2.42. They are a lightly damped arm,
+    the arm of the laboratory, and the arm of the laboratory with friction."""
     maps = []
     for title, experiment, b_rf, settings in (
         ("arm lightly damped, b_rf = 60", "fig2_43_settles", 60.0, {}),
@@ -93,8 +94,8 @@ def contact_maps(threads: int) -> list[ContactMap]:
 
 
 def friction_limits(threads: int) -> list[tuple[float, float]]:
-    """Returns the largest gain, relative to the linear limit, at which the runs from all initial
-    gaps settle. The result has one gain for each Coulomb force in N."""
+    """Returns (Coulomb force in N, gain) for each force in COULOMB. The gain is the largest one,
+    relative to the linear limit, at which the runs from all initial gaps settle."""
     limit, _ = flexible_robot(640.0)
     gains = [g * limit for g in FRICTION_GAINS]
     rows = []

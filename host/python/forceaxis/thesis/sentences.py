@@ -1,5 +1,5 @@
-"""The quantitative sentences of Chapters 2 to 6 of the thesis, each with what checks it or the
-reason why it cannot be checked. The file sentences.toml contains them."""
+"""The quantitative sentences of Chapters 2 to 6 of the thesis, from the file sentences.toml. Each
+sentence has what checks it, or the reason why it cannot be checked."""
 
 import functools
 from dataclasses import dataclass
@@ -13,12 +13,13 @@ FILE = Path(__file__).with_name("sentences.toml")
 
 @dataclass(frozen=True)
 class Sentence:
-    """One quantitative sentence of the thesis. It has rows, tests or figures, or a reason."""
+    """One quantitative sentence of the thesis. It has rows, tests or figures, or else a reason."""
 
-    says: str  # content of the sentence in our own words
-    rows: tuple[str, ...] = ()  # names (`what`) of claims of the check of the thesis
-    tests: tuple[str, ...] = ()  # names of tests: "tests/FOLDER/FILE.py::NAME", "ctest:NAME"
-    figures: tuple[str, ...] = ()  # figures of the thesis that the report draws, by their number
+    says: str  # content of the sentence in other words
+    rows: tuple[str, ...] = ()  # names (`what`) of the claims that check the sentence
+    # names of tests, such as "tests/FOLDER/FILE.py::NAME" or "ctest:NAME"
+    tests: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()  # numbers of those figures of the thesis that the report draws
     reason: str = ""  # reason why the sentence cannot be checked
 
     @property
@@ -47,5 +48,5 @@ class _File:
 
 @functools.cache
 def sections() -> tuple[Section, ...]:
-    """Returns the sections of the thesis that have quantitative sentences. Raises InputError."""
+    """Returns those sections of the thesis that have quantitative sentences. Raises InputError."""
     return from_json(_File, toml.read(FILE), paths.display(FILE)).section

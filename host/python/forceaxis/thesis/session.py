@@ -3,7 +3,8 @@
 The session sets the gains of an axis, moves 36,000 counts (thesis section 3.13), makes contact at
 k_f = 5 and f_d = 30 (3.14), records an impact on the workpiece (3.16) and draws a plot.
 
-`run` needs a running gateway; `run_with_programs` also starts plant, firmware and gateway.
+`run` needs a running gateway. `run_with_programs` also starts the programs of plant, firmware and
+gateway.
 """
 
 import contextlib
@@ -33,12 +34,12 @@ from forceaxis.experiments.run_result import JournalFacts
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# function that is called with the name of a step of the session when the step begins
+# Function that is called with the name of a step of the session when this step begins.
 Report = Callable[[str], None]
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
-TRAVEL_COUNTS = 36_000  # travel of the move in encoder counts
-# Force set-point in 8-bit counts. The P law of the thesis settles at a lower force.
+TRAVEL_COUNTS = 36_000  # travel of the axis in the move, in encoder counts
+# Force set-point in 8-bit counts. With the P law of the thesis, the force settles below it.
 SETPOINT = 30.0
 RECORDED = ["force", "dac_code"]
 GAINS = {
@@ -55,21 +56,22 @@ class ObservedSession:
     """Values that a client of the gateway observes in a laboratory session. Forces are in 8-bit
     counts."""
 
-    software: int  # value of the object `object_table_hash` of the axis
+    software: int  # value of the object `object_table_hash`
     position_after_move_cnt: int  # position in encoder counts after the move
     force_held_cnt: float
     position_in_contact_cnt: int  # position in encoder counts while the axis is in contact
-    force_after_cnt: float  # measured force in 8-bit counts after the impact
+    force_after_cnt: float  # measured force after the impact, in 8-bit counts
     samples: int  # number of samples that the recorder stored
     samples_missing: int
-    peak_force_cnt: float  # largest force in the recording in 8-bit counts
+    peak_force_cnt: float  # largest force in the recording, in 8-bit counts
     states: int  # number of state messages that the client received
     messages_lost: int
 
 
 @dataclass(frozen=True)
 class NodeHashes:
-    """The trace hashes of a session: one from the firmware program, one from the plant program."""
+    """The trace hashes of a session: one from the program of the firmware, one from that of the
+    plant."""
 
     plant_node: str
     axis_node: str
@@ -77,8 +79,8 @@ class NodeHashes:
 
 @dataclass(frozen=True)
 class SessionResult(ObservedSession):
-    """Result of a laboratory session: observed values, results of the programs of the session, and
-    result of the replay of the journal."""
+    """Result of a laboratory session: the observed values, the results of its programs, and the
+    result of the replay of its journal."""
 
     gateway_status: int  # exit status of the gateway
     trace_hash: NodeHashes
@@ -91,12 +93,12 @@ class SessionResult(ObservedSession):
 
 @dataclass(frozen=True)
 class Scales:
-    """Physical size of one encoder count, one force count and one DAC code in the model of the
-    session."""
+    """Sizes of one encoder count, one force count and one DAC code in the model of the session, in
+    physical units."""
 
-    mm_per_count: float  # travel per encoder count
+    mm_per_count: float  # travel in mm per encoder count
     N_per_count: float  # measured force in N per 8-bit count
-    V_per_code: float  # command voltage per DAC code
+    V_per_code: float  # command voltage in V per DAC code
 
 
 def run(
@@ -105,8 +107,8 @@ def run(
     strike_within_s: float = 20.0,
     report: Report = lambda step: None,
 ) -> tuple[ObservedSession, list[axis_state_t], Assembly]:
-    """Runs the session and returns (observed values, states, recording). `report` is a function
-    that is called with the name of each step when the step begins."""
+    """Runs the session, and returns (observed values, states, recording). `report`: function that
+    is called with the name of each step when the step begins."""
     report("connecting")
     with Session(axis, url, wait_s=20) as session:
         software = int(session.read("object_table_hash"))
@@ -122,7 +124,7 @@ def run(
         force_held = float(session.read("force"))
         position_in_contact = int(session.read("position_actual"))
         report("waiting for the strike")
-        # The time of the impact is not known before, so the recorder waits for its trigger.
+        # The time of the impact is not known in advance, so the recorder waits for its trigger.
         recording = session.capture(
             RECORDED,
             samples=1800,
@@ -150,7 +152,7 @@ def run(
 
 @functools.cache
 def scales() -> Scales:
-    """Reads the physical sizes of encoder counts, force counts and DAC codes from the model of the
+    """Returns the sizes of encoder counts, force counts and DAC codes in the model of the
     session."""
     converters = read_inputs(EXPERIMENT).converters
     return Scales(
@@ -161,8 +163,8 @@ def scales() -> Scales:
 
 
 def figure(states: Sequence[axis_state_t], recording: Assembly) -> "Figure":
-    """Returns a plot of the session: position and force in the received states, and force and
-    command in the recording of the impact."""
+    """Returns a plot of the session. It shows position and force in the received states, and force
+    and command in the recording of the impact."""
     import matplotlib.pyplot as plt
     import numpy as np
 
@@ -205,11 +207,11 @@ def machine(
     journal: Path | None = None,
     endless: bool = False,
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
-    """Context manager that runs the programs plant, firmware and gateway in real time on the CAN
-    interfaces vcan0 and vcan1. Yields the processes of the programs by name.
+    """Context manager that runs the programs of plant, firmware and gateway in real time. They use
+    the CAN interfaces vcan0 and vcan1. Yields {name of a program: its process}.
 
-    journal: file of the journal, by default folder/axis.journal. endless: the programs run until
-    they are ended. Raises link.LinkError with the output of the programs after an error.
+    journal: file of the journal, by default folder/axis.journal. endless: True if the programs run
+    until they are ended. After an error, raises link.LinkError with the output of the programs.
     """
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
     if duration_s:
@@ -253,8 +255,8 @@ def machine(
 
 
 def _end_with_us() -> None:
-    """Asks the kernel to send SIGTERM to this process when the parent process ends. Called in a new
-    process."""
+    """Asks the kernel to send SIGTERM to this process when its parent process ends. Call this
+    function in a new process."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 is PR_SET_PDEATHSIG
 
 
@@ -282,8 +284,8 @@ def _stop(process: subprocess.Popen[str]) -> None:
 
 
 def run_with_programs(folder: Path, report: Report = lambda step: None) -> SessionResult:
-    """Starts plant, firmware and gateway, runs the session and replays the journal of the session.
-    Writes all files below `folder`, or no file after an error. `report`: as in run()."""
+    """Starts the programs of plant, firmware and gateway, runs the session, and replays its
+    journal. Writes all files below `folder`, or no file after an error. `report`: as in run()."""
     from forceaxis import drawing
 
     with tempfile.TemporaryDirectory() as scratch:

@@ -1,9 +1,11 @@
-"""The 55 measured cells of the stability tables of the thesis. Computes the simulated verdicts, the
-fit of the free constants, and the effect of changed thresholds on the number of equal verdicts.
+"""The 55 measured cells of the stability tables of the thesis. The module computes the simulated
+verdicts, the fit of the free constants, and how changed thresholds affect the number of equal
+verdicts.
 
 A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
-the thesis does not state are fitted; sim/models/thesis.toml contains them like every other
-parameter, and tables.toml contains their names and the grid on which they were searched.
+the thesis does not state are fitted. Their values are in sim/models/thesis.toml, like those of
+every other parameter. The file tables.toml has their names and the grid on which they were
+searched.
 """
 
 import functools
@@ -27,8 +29,8 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # one simulated run of an experiment file with changed parameters
-Point = tuple[int, ...]  # point of the search grid: the index of the value of each constant
+Job = tuple[str, list[str]]  # simulated run: (experiment file, overrides)
+Point = tuple[int, ...]  # point of the search grid: one index for the value of each constant
 
 
 class StaleFit(Exception):
@@ -38,17 +40,17 @@ class StaleFit(Exception):
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a stability table of the thesis: the settings of a run and the measured
+    """One cell of a stability table of the thesis: the settings of a run, and the measured
     verdict."""
 
     figure: str
-    test: str  # test in this cell of the table: "contact" or "disturbance"
-    workpiece: str  # workpiece in this cell of the table: "original" or "damped"
+    test: str  # test that was made for this cell: "contact" or "disturbance"
+    workpiece: str  # workpiece of this cell: "original" or "damped"
     grip: str  # pad between robot and workpiece: "none", "hard_pad" or "soft_pad"
     force_gain: int  # gain in DAC codes per 8-bit count of force
-    # Force set-point in 8-bit counts. None if the thesis does not state the set-point.
+    # force set-point in 8-bit counts; None if the thesis does not state it
     force_setpoint: int | None
-    thesis: str  # verdict that the thesis has measured: "stable" or "unstable"
+    thesis: str  # measured verdict of the thesis: "stable" or "unstable"
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,12 @@ class CellRun:
     criterion: Criterion
     fault: str
     trace_hash: str
-    overridden: list[str]  # names of the parameters that the run changed
+    overridden: list[str]  # names of the parameters that the run has changed
 
 
 @dataclass(frozen=True)
 class CellResult(Cell):
-    """A cell of a stability table with the verdict of its simulated run, and the reason for this
+    """A cell of a stability table, the verdict of its simulated run, and the reason for this
     verdict."""
 
     ours: str  # verdict of the simulated run: "stable" or "unstable"
@@ -73,7 +75,7 @@ class CellResult(Cell):
     criterion: Criterion
     fault: str
     trace_hash: str
-    # Reason why simulated and measured verdict of the cell differ. None if the verdicts agree.
+    # reason why simulated and measured verdict of the cell differ; None if they agree
     reason: str | None = json_field(omit_none=True)
 
     @property
@@ -96,20 +98,20 @@ class CellResult(Cell):
 
 @dataclass(frozen=True)
 class TablesResult:
-    """All cells of the stability tables of the thesis, each with the verdict of its simulated
+    """All cells of the stability tables of the thesis. Each cell has the verdict of its simulated
     run."""
 
     cells: list[CellResult]
     matched: int  # number of cells whose simulated verdict equals the measured verdict
     total: int
     fitted: dict[str, float]  # {fitted constant: value}
-    overridden: list[str]  # parameters printed in the thesis whose values a run changed
+    overridden: list[str]  # names of parameters printed in the thesis that a run has changed
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of a changed threshold of the verdict on the stability tables: the number of cells
-    with equal verdicts, and the cells whose verdict changes."""
+    """Effect of a changed threshold of the verdict on the stability tables. It has the number of
+    cells with equal verdicts, and the cells whose verdict changes."""
 
     threshold: str
     factor: float
@@ -120,30 +122,28 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of the model that is fitted to the stability tables: its parameter, the cells that
-    depend on the constant, and the grid of the search."""
+    """A constant of the model that is fitted to the stability tables. It has the name of its
+    parameter, the cells that depend on it, and the grid of the search."""
 
     name: str
-    how: str  # text that names the measurement from which the constant is determined
+    how: str  # text that names the measurement that determines the constant
     grid: tuple[float, ...]
-    # Names of the groups of cells that depend on the constant; empty: all groups.
+    # names of the groups of cells that depend on the constant; empty: all groups
     groups: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another interpretation of a sentence of the thesis. Changed parameter values describe the
-    interpretation."""
+    """Another interpretation of a sentence of the thesis, described by changed parameter values."""
 
     what: str
-    set: list[str]  # texts "parameter=value" that change parameters of the model
+    set: list[str]  # texts "parameter=value" that change the model
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A sentence of the thesis that can be read in several ways: the interpretation that is used,
-    the reason for this interpretation, and the other interpretations, whose scores the report
-    shows."""
+    """A sentence of the thesis that has several interpretations. It has the used interpretation,
+    the reason for it, and the other interpretations. The report shows the scores of these."""
 
     name: str
     taken: str
@@ -153,7 +153,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Variation:
-    """A parameter that a trial varies, with its values as texts with units."""
+    """A parameter that a trial varies. Its values are texts with units."""
 
     name: str
     values: tuple[str, ...]
@@ -161,15 +161,15 @@ class Variation:
 
 @dataclass(frozen=True)
 class Trial:
-    """A change of the model that could give a cell that differs, over a range of one or two
-    parameters."""
+    """A change of the model that could explain a cell with different verdicts. One or two
+    parameters are varied over a range."""
 
-    cell: str  # key of the cell (see `key_of`) that the trial is made for
+    cell: str  # key of this cell, see `key_of`
     what: str
-    of: dict[str, str]  # fields of a cell and their values: the cells that the trial changes
+    of: dict[str, str]  # {field of Cell: value} of those cells whose run the trial changes
     vary: tuple[Variation, ...]
-    set: tuple[str, ...] = ()  # overrides of each run
-    # overrides of this trial in the run of all trials together; empty: it takes no part in it
+    set: tuple[str, ...] = ()  # overrides of each run of the trial
+    # overrides of this trial in the common run of all chosen trials; empty: the trial is not chosen
     taken: tuple[str, ...] = ()
 
     def changes(self, cell: Cell) -> bool:
@@ -179,7 +179,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class SourcedParameter:
-    """A parameter of sim/models/thesis.toml with the source of its value."""
+    """A parameter of sim/models/thesis.toml, with the source of its value."""
 
     value: int | float
     unit: str
@@ -188,13 +188,13 @@ class SourcedParameter:
 
 @dataclass(frozen=True)
 class OmittedFigure:
-    """Result of a fit of the constants to all figures of the thesis except one, with the cells of
-    the omitted figure that this fit predicts correctly."""
+    """Result of a fit of the constants to all figures of the thesis except one. It has those cells
+    of the omitted figure that this fit predicts correctly."""
 
     figure: str
-    cells: int  # number of cells of the stability table that the fit omits
+    cells: int  # number of cells of the omitted figure
     fitted: dict[str, float]  # {fitted constant: value}
-    # number of cells of the omitted table for which the fit predicts the measured verdict
+    # number of cells of the omitted figure for which the fit predicts the measured verdict
     predicted_right: int
     # number of cells of all tables for which the fit predicts the measured verdict
     score_on_all: int
@@ -204,20 +204,20 @@ class OmittedFigure:
 class FitRecord:
     """The stored result of the fit of the constants to the stability tables."""
 
-    inputs_hash: str  # evidence_hash() of the files from which the constants were fitted
+    inputs_hash: str  # evidence_hash() of the files to which the constants were fitted
     grid: dict[str, list[float]]  # {constant: searched values}
     points: int  # number of points of the grid
-    # Number of grid points at which the cells of the test "disturbance" were also simulated.
+    # number of grid points at which the cells of the test "disturbance" were simulated too
     points_with_strikes: int
     fitted: dict[str, float]  # {constant: fitted value}
     score: int  # number of fitted cells whose simulated verdict equals the measured verdict
     cells: int  # number of cells to which the constants are fitted
     points_at_best: int  # number of grid points with the highest score
     left_out: list[OmittedFigure]
-    # For each constant, pairs of a value (relative to the fitted value) and a score.
-    # The score is the number of table cells whose simulated verdict equals the measured verdict.
+    # {constant: [(ratio to the fitted value, score)]}
+    # A score is the number of table cells whose simulated verdict equals the measured verdict.
     plateau: dict[str, list[tuple[float, int]]]
-    # (name of the open choice, interpretation, score) of each alternative interpretation
+    # (name of the open choice, interpretation, score) of each other interpretation
     readings: list[tuple[str, str, int]]
 
 
@@ -226,11 +226,11 @@ class Tables:
     """The content of the file tables.toml and of the file with the measured cells of the thesis."""
 
     cells: list[Cell]
-    experiments: dict[str, str]  # experiment file for each key "test/grip"
-    workpieces: dict[str, dict[str, float]]  # parameter values for each workpiece
-    # Name of the parameter for the set-point of cells whose set-point the thesis does not state.
+    experiments: dict[str, str]  # {"test/grip": experiment file}
+    workpieces: dict[str, dict[str, float]]  # {workpiece: parameter values}
+    # name of the parameter for the set-point of cells whose set-point the thesis does not state
     unstated_setpoint: str
-    # Names of the groups of cells to which the constants are fitted.
+    # names of the groups of cells to which the constants are fitted
     # The cells of all other groups are predicted.
     fit_on: tuple[str, ...]
     matched_at_least: int
@@ -241,11 +241,11 @@ class Tables:
     reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
-        """Returns the name of the group to which a cell of the tables belongs. The cells of one
-        figure with the same test (contact or disturbance) are one group. A fit omits only complete
-        groups.
+        """Returns the name of the group to which a cell of the tables belongs. All cells of one
+        figure with the same test (contact or disturbance) are one group. A fit can leave out whole
+        groups only.
 
-        The original half of Fig 5.10 is Fig 3.16 and has this name.
+        The half of Fig 5.10 with the original workpiece is Fig 3.16. Its group has that name.
         """
         if cell.figure != "5.10":
             return cell.figure
@@ -253,14 +253,12 @@ class Tables:
         return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
-        """Returns the names of all groups of table cells, in the order in which the cells are
-        listed."""
+        """Returns the names of all groups of table cells, in the order of the cells in the file."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
-        """Returns the experiment and the overrides for the simulated run of a table cell.
-        `constants`: values of the constants that are tried, with the names of the parameters as
-        keys."""
+        """Returns (experiment, overrides) for the simulated run of a table cell. `constants`:
+        {parameter: value} of constants that are tried."""
         setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
             f"firmware.force_gain={cell.force_gain}",
@@ -273,14 +271,15 @@ class Tables:
 
 @functools.cache
 def load() -> Tables:
-    """Reads the file tables.toml and the file with the measured cells. Raises InputError."""
+    """Returns the content of tables.toml and of the file with the measured cells. Raises
+    InputError."""
     data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
     return from_json(Tables, data | {"cells": cells}, paths.display(FILE))
 
 
 def parameters() -> dict[str, SourcedParameter]:
-    """Returns the parameters of sim/models/thesis.toml as a dictionary with their names as keys."""
+    """Returns the parameters of sim/models/thesis.toml as {name: parameter}."""
     file = paths.MODELS / "thesis.toml"
     table = toml.read(file)["parameters"]
     return {name: from_json(SourcedParameter, p, f"{file}: {name}") for name, p in table.items()}
@@ -293,7 +292,7 @@ def fitted() -> dict[str, float]:
 
 
 def _criterion_of(outcome: "_core.RunOutcome") -> Criterion:
-    """Returns the criterion of a run, whose experiment has a [verdict]."""
+    """Returns the criterion of a run. Its experiment must have a [verdict]."""
     criterion = outcome["criterion"]
     assert criterion is not None
     return criterion
@@ -302,9 +301,9 @@ def _criterion_of(outcome: "_core.RunOutcome") -> Criterion:
 def run_jobs(
     jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
 ) -> list[CellRun]:
-    """Simulates a list of pairs (experiment, overrides) and shows a progress bar on a terminal.
+    """Simulates the runs `jobs`, and shows a progress bar on a terminal.
 
-    over: options of a run with the firmware in another process; the runs then follow each other.
+    over: options for runs with the firmware in another process. These runs follow each other.
     """
     with progress.bar(title, len(jobs)) as advance:
         if over and over.kind != "inproc":
@@ -325,8 +324,8 @@ def run_jobs(
 
 
 def key_of(cell: Cell) -> str:
-    """Returns the key of a table cell in tables.toml, a text of figure, test, workpiece, grip, gain
-    and set-point."""
+    """Returns the key of a table cell in tables.toml. It is a text of figure, test, workpiece,
+    grip, gain and set-point."""
     words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
     setpoint = cell.force_setpoint or "not stated"
     return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
@@ -339,7 +338,7 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
     runs = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
     for cell, done in zip(tables.cells, runs, strict=True):
-        # The verdicts in the thesis are only "stable" and "unstable".
+        # The thesis has only the verdicts "stable" and "unstable".
         ours = stability(done.verdict)
         reason = tables.reasons.get(key_of(cell), "not explained") if ours != cell.thesis else None
         cells.append(
@@ -365,16 +364,16 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
 
 
 def matches(cells: Sequence[Cell], runs: Sequence[CellRun]) -> NDArray[np.bool_]:
-    """Returns a list with True for each table cell whose simulated verdict equals the measured
+    """Returns an array that is True for each table cell whose simulated verdict equals the measured
     verdict."""
     pairs = zip(cells, runs, strict=True)
     return np.array([stability(r.verdict) == c.thesis for c, r in pairs])
 
 
 def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
-    """Returns, for each entry of `variants`, the number of table cells whose simulated verdict
-    equals the measured verdict. An entry is a list of further overrides. All simulated runs share
-    one pool of threads."""
+    """Returns one score for each entry of `variants`. The score is the number of table cells whose
+    simulated verdict equals the measured verdict. An entry is a list of further overrides. All
+    simulated runs share one pool of threads."""
     tables = load()
     jobs = [
         (path, latest([*sets, *extra]))
@@ -393,24 +392,24 @@ def plateau(
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
 ) -> dict[str, list[tuple[float, int]]]:
-    """Returns the scores of the fit when only one constant at a time is changed: {constant: [(ratio
-    to the fitted value, score)]}."""
+    """Returns the scores of the fit when only one constant is changed at a time, as {constant:
+    [(ratio to the fitted value, score)]}."""
     variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
     scores = iter(score_with(variants, threads, "plateau"))
     return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
 
 
 def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
-    """Returns the score of each alternative interpretation of the thesis, used alone: (open choice,
-    interpretation, score)."""
+    """Returns (open choice, interpretation, score) for each other interpretation of the thesis,
+    with this interpretation alone."""
     rows = [(r.name, a) for r in load().readings for a in r.alternatives]
     scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
     return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]
 
 
 def latest(sets: Sequence[str]) -> list[str]:
-    """Returns the overrides without repeated names. If a name occurs several times, only the last
-    override of this name is returned."""
+    """Returns the overrides without repeated names. If a name occurs several times, only its last
+    override is kept."""
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
@@ -423,10 +422,10 @@ def criterion_sensitivity(
     cells: Sequence[CellResult], threads: int | None = None
 ) -> list[Sensitivity]:
     """Returns the effect on the stability tables if a threshold of the verdict is changed by +-20
-    %. `cells` is the result of run().
+    %. `cells`: result of run().
 
-    For another window the cells are run again; for another limit of the ripple, verdicts follow
-    from the metrics of the runs.
+    For another window, the cells are simulated again. For another limit of the ripple, the verdicts
+    follow from the metrics of the runs in `cells`.
     """
     tables = load()
 
@@ -469,7 +468,8 @@ def evidence_hash() -> str:
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        # The descriptions in a file do not affect a simulated run.
+        # The descriptions in a file do not affect a simulated run, so they are left out of the
+        # hash.
         for table in (experiment, model):
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
@@ -477,26 +477,26 @@ def evidence_hash() -> str:
 
 
 def fit(threads: int | None = None) -> FitRecord:
-    """Searches the grid of tables.toml for the constants at which most table cells of `fit_on` have
-    the measured verdict. Writes the constants to tables_fit.json beside tables.toml.
+    """Searches the grid of tables.toml for the best constants: those at which most table cells of
+    `fit_on` have the measured verdict. Writes them to tables_fit.json beside tables.toml.
 
-    Cells of test "contact" are run on every grid point on which they depend. Cells of test
-    "disturbance" are run only at the points at which the contact cells have their best score, all
-    of them or all without one figure. Then each figure is omitted in turn: the constants are fitted
-    to the other figures and predict its cells.
+    Cells of the test "contact" are run on every grid point on which they depend. Cells of the test
+    "disturbance" are run only where the contact cells have their best score, with or without one
+    figure. Then each figure is left out in turn. The constants are fitted to the other figures, and
+    predict its cells.
     """
     tables = load()
     grids = [c.grid for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    # For each group of table cells: the indices of the constants that affect its verdicts.
+    # {group of table cells: indices of the constants that affect its verdicts}
     needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """Returns the scores of one group of table cells at the grid points `points`. A grid point
-        has only the coordinates of the constants that affect the group."""
+        """Returns {grid point: score} of one group of table cells. A grid point has only the
+        coordinates of those constants that affect the group."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [
@@ -533,7 +533,7 @@ def fit(threads: int | None = None) -> FitRecord:
         scores[group] = evaluate(group, points)
 
     def choose(groups: Sequence[str]) -> Point:
-        """Returns the grid point with the highest score. Of several points with this score, returns
+        """Returns the grid point with the highest score. If several points have this score, returns
         the point whose neighbours have the highest mean score."""
         score = {p: total(p, groups) for p in points}
         best = max(score.values())
@@ -583,7 +583,7 @@ def fit(threads: int | None = None) -> FitRecord:
 
 def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
     """Returns the grid points that differ from `point` by at most one step in each constant. Some
-    of these points may be outside the grid."""
+    of them may be outside of the grid."""
     steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
     return [
         tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
@@ -591,8 +591,8 @@ def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
 
 
 def evidence() -> FitRecord:
-    """Returns the stored fit of the constants. Raises StaleFit if there is no stored fit, or if the
-    stored fit was made with other files."""
+    """Returns the stored fit of the constants. Raises StaleFit if there is none, or if it was made
+    with other files."""
     again = "repeat the fit with `fit_tables`, which takes some minutes, and commit the file"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")

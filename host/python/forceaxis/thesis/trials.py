@@ -1,6 +1,6 @@
-"""Trials of changed parameters that could explain the differing cells of the stability tables.
-tables.toml defines the trials; each result has the number of equal verdicts over the range of a
-trial."""
+"""Trials of changed parameters that could explain those cells of the stability tables whose
+verdicts differ. The file tables.toml defines the trials. The result of a trial has the number of
+equal verdicts at each point of its range."""
 
 import itertools
 import shlex
@@ -17,15 +17,15 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class TrialScores:
-    """The scores of one trial: the numbers of table cells with equal verdicts. Rows are the values
-    of the first parameter that the trial varies, columns those of the second; with one parameter
-    there is one column."""
+    """The scores of one trial, which are numbers of table cells with equal verdicts. Rows are the
+    values of the first parameter that the trial varies, and columns are those of the second. With
+    one parameter, there is only one column."""
 
     trial: Trial
     scores: list[list[int]]
-    # for each point: True if the cell of the trial has the measured verdict
+    # for each point of the trial: True if its cell has the measured verdict there
     gives: list[list[bool]]
-    command: str  # command line that repeats the run of the cell, with the first values
+    command: str  # command line that repeats the run of the trial's cell
 
     @property
     def best(self) -> int:
@@ -34,7 +34,7 @@ class TrialScores:
 
     @property
     def best_count(self) -> int:
-        """The number of points of the trial that have its highest score."""
+        """The number of points of the trial at which it has its highest score."""
         return sum(row.count(self.best) for row in self.scores)
 
     @property
@@ -45,16 +45,16 @@ class TrialScores:
 
 @dataclass(frozen=True)
 class TrialsResult:
-    """The scores of all trials, and the common score of the trials that were chosen."""
+    """The scores of all trials, and the score of all chosen trials together."""
 
     trials: list[TrialScores]
-    together: int  # number of table cells with equal verdicts
-    together_sets: list[str]  # overrides that result from all chosen trials together
+    together: int  # number of equal verdicts with all chosen trials together
+    together_sets: list[str]  # overrides of all chosen trials together
 
 
 def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult:
     """Simulates the cells that the trials of tables.toml change, at each point of each trial.
-    `cells` is the result of tables.run(); the other cells keep their verdicts."""
+    `cells`: result of tables.run(). Other cells keep their verdicts."""
     variants = [(trial, point) for trial in load().trials for point in points(trial)]
     taken = [(trial, trial.taken) for trial in load().trials if trial.taken]
     changed = [
@@ -92,26 +92,26 @@ def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult
 
 
 def points(trial: Trial) -> list[tuple[str, ...]]:
-    """Returns the points of a trial, each as overrides. The values of the last parameter change
-    first."""
+    """Returns the points of a trial, each as overrides. The value of the last parameter changes
+    fastest."""
     names = [[f"{one.name}={value}" for value in one.values] for one in trial.vary]
     return list(itertools.product(*names))
 
 
 def job(cell: CellResult, trial: Trial, point: Sequence[str]) -> tuple[str, list[str]]:
-    """Returns the experiment and the overrides of a cell's run at one point of a trial."""
+    """Returns (experiment, overrides) for the run of a cell at one point of a trial."""
     path, sets = load().job(cell)
     return path, latest([*sets, *trial.set, *point])
 
 
 def in_rows(values: Sequence[T], width: int) -> list[list[T]]:
-    """Returns a list of values as rows of a table with `width` columns."""
+    """Returns a list of values as the rows of a table with `width` columns."""
     return [list(values[i : i + width]) for i in range(0, len(values), width)]
 
 
 def command(cells: Sequence[CellResult], trial: Trial) -> str:
-    """Returns the command line of the run of a trial's cell, with the taken values or the first
-    ones."""
+    """Returns the command line of the run of a trial's cell. It has the overrides `taken` of the
+    trial, or else those of its first point."""
     cell = next(one for one in cells if key_of(one) == trial.cell)
     path, sets = job(cell, trial, trial.taken or points(trial)[0])
     words = [word for text in sets for word in ("--set", text)]
