@@ -156,10 +156,10 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
     """List the axes on a bus, each with node id, name, firmware version, object table, drive state
     and fault.
 
-    --on is the address of the bus. On can0 these are the nodes 1 to 127 that answer or send, on a
-    Modbus line the units 1 to 127 that answer (20 s on a serial line), on lcm the axes of all
-    gateways. Default: the bus of FORCEAXIS_AXIS, otherwise lcm. --json adds mode of operation and
-    owner. The exit status is 1 if no axis is found.
+    --on is the address of the bus. On can0, the command lists the nodes 1 to 127 that answer or
+    send. On a Modbus line, it lists the units 1 to 127 that answer (20 s on a serial line). On lcm,
+    it lists the axes of all gateways. Default: the bus of FORCEAXIS_AXIS, otherwise lcm. --json
+    adds the mode of operation and the owner. The exit status is 1 if no axis is found.
     """
     with live_options.errors():
         rows = scanned(connection)
@@ -269,12 +269,12 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
 def stop(connection: AxisConnection, as_json: bool) -> None:
     """Stop one or more axes by a quick stop, even if another client owns them.
 
-    Several axes are stopped at the same time, those of one Modbus line one after the other. If an
-    axis cannot be reached, the others are stopped all the same; the exit status is then 1. --json
-    prints one object for each axis.
+    Several axes are stopped at the same time. Only those of one Modbus line are stopped one after
+    the other. If an axis cannot be reached, the others are stopped all the same. The exit status is
+    then 1. --json prints one object for each axis.
 
-    The object quick_stop_option selects whether the axis stops by a ramp or at once. Before the
-    owner can enable the axis again, it has to send a controlword that does not enable.
+    The object quick_stop_option selects whether the axis stops by a ramp or at once. Before its
+    owner can enable the axis again, the owner has to send a controlword that does not enable.
     """
     each = connection.several()
     if len(each) == 1:
@@ -336,8 +336,8 @@ def start(connection: AxisConnection, as_json: bool) -> None:
     """Start a node that NMT has stopped, so that it answers and sends again. `axis list` shows such
     a node.
 
-    A start enables no drive: the stop has disabled the drive, and its owner has to enable it again.
-    A gateway starts its axes by itself; on lcm the command waits until it has.
+    A start enables no drive. The stop has disabled the drive, and its owner has to enable it again.
+    A gateway starts its axes by itself. On lcm, the command waits until the gateway has done so.
     """
     with connected(connection) as axis:
         axis.link.start()
@@ -383,9 +383,9 @@ def enable(
     disable the axis.
 
     MODE is a number or a name, as "profile position". The objects are written before the axis is
-    enabled; targets are written again afterwards, because a target acts only then. Values may have
-    units, as in `axis set`. The exit status is 1 if the axis is disabled before the time is over,
-    or if another client lowers a bound so that the axis limits a target.
+    enabled. Targets are written again afterwards, because a target acts only while the axis is
+    enabled. Values may have units, as in `axis set`. The exit status is 1 if the axis is disabled
+    before the time is over, or if another client lowers a bound so that the axis limits a target.
     """
     from forceaxis.axis import actions, bounds
     from forceaxis.axis.axis import MODES

@@ -69,8 +69,8 @@ def bench_(
     comparison if these programs are installed.
 
     The command prints how many times faster than real time one thread simulates 2 s of a force
-    loop, and the error of the contact force against an independent integration with extended
-    precision. Run it on an idle machine.
+    loop. It also prints the error of the contact force. The reference is an independent integration
+    with extended precision. Run it on an idle machine.
     """
     if links:
         rates = bench_link.run(min(repeat, 10))

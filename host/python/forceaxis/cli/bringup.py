@@ -69,8 +69,8 @@ def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None
 
     The steps are: identity of the firmware, cause of the last reset, errors that the board finds in
     itself, time of the tick, contacts, encoder, inputs of force and motor current, outputs, CAN,
-    CAN after a short circuit, parameters after a power cut, watchdog. They need a voltmeter. The
-    step "outputs" enables the axis and outputs DAC codes from -2000 to 2000, so motor and
+    CAN after a short circuit, parameters after a power cut, watchdog. The steps need a voltmeter.
+    The step "outputs" enables the axis and outputs DAC codes from -2000 to 2000, so motor and
     amplifier have to be disconnected. Ctrl-C disables the axis.
 
     The exit status is 0 if every step was done and passed, and 1 otherwise.

@@ -84,12 +84,12 @@ def compare(
     """Compare recordings of a real machine with what EXPERIMENT predicts for them: peak, impulse,
     contact losses and their instants, settling, held force, and the residual of each signal.
 
-    The plant is fed with the recorded DAC codes, voltages, speeds or forces, without the firmware;
-    with recorded set-points, or without a recorded input, the firmware's law controls the plant.
-    Both signals are aligned at the first contact. Each measured figure has to lie within a band of
-    the noise, the resolution and --over; all bands of a recording together hold 95 % of the
-    recordings of a machine that is as the model says. The exit status is 1 if a figure is outside
-    its band.
+    The plant is fed with the recorded DAC codes, voltages, speeds or forces, without the firmware.
+    With recorded set-points, or without a recorded input, the firmware's law controls the plant
+    instead. Measured and predicted signals are aligned at the first contact. Each measured figure
+    has to be within a band. The band follows from the noise, the resolution and --over. If the
+    machine is as the model says, all bands of a recording together hold 95 % of the recordings. The
+    exit status is 1 if a figure is outside its band.
     """
     from forceaxis.experiments import compare as comparing
     from forceaxis.experiments.prediction import PredictionRequest

@@ -48,10 +48,9 @@ def cycle() -> None:
     of good and bad ones. Then load the program into an axis, press parts, record their results,
     and see how good the process is.
 
-    All commands but `statistics` take an experiment, because a program alone cannot run: the
-    experiment names the model of press and part, the program, the parameters of the axis, and when
-    the cycle starts.
-    `--program` tries another program with the same press.
+    All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
+    The experiment names the model of press and part, the program, the parameters of the axis, and
+    the time at which the cycle starts. `--program` tries another program with the same press.
     """
 
 
@@ -79,9 +78,9 @@ def run(
 ) -> None:
     """Press one simulated part with the firmware, and print the verdict of the part.
 
-    The command also prints what each element found, with its bounds, and when and why each phase
-    ended. The exit status is 0 for every verdict. An element with the kind window has the number of
-    entries into the window as its value, an envelope the smallest distance from its curves.
+    The command also prints the value of each evaluation element with its bounds, and when and why
+    each phase ended. The exit status is 0 for every verdict. The value of a window is the number of
+    entries into the window. The value of an envelope is the smallest distance from its curves.
     """
     from forceaxis import drawing
     from forceaxis.cli import cycle_text
@@ -203,12 +202,12 @@ def rates(
     share. Part number i is the same for every number of parts, threads and workers. With --out, the
     same command, also with more parts, runs only what is missing.
 
-    --propose sets least and most of the elements to a share of refused good parts of the whole
-    program, not of each element. Windows and envelopes stay as they are. The share of later parts
-    that is refused varies from one proposal to the next; the command prints the range. Check the
-    new program with another seed. With b bounds and a share s, at least b / s - 1 good parts are
-    needed, and never fewer than 299. The file of -o is the program with new bounds and all its
-    comments.
+    --propose sets the bounds least and most of the elements. The given share of good parts is then
+    refused by the whole program, not by each element. Windows and envelopes stay as they are. The
+    share of later parts that is refused varies from one proposal to the next; the command prints
+    the range. Check the new program with another seed. With b bounds and a share s, at least b / s
+    - 1 good parts are needed, and never fewer than 299. The file of -o is the program with new
+    bounds and all its comments.
     """
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import propose as proposing

@@ -252,14 +252,14 @@ def watch(
     The command prints a line for each part, with the number of good parts and the smallest Cpk of
     the elements over the parts of this command, at most the last 1000. It does not take the axis
     from its owner and moves nothing. Each result is written to the folder and then acknowledged. If
-    the axis has no power or the connection fails, the command waits and connects again; results
-    that the axis has lost in a power cut are named by their numbers and recorded as lost. A folder
-    that has parts is continued.
+    the axis has no power or the connection fails, the command waits and connects again. Results
+    that the axis has lost in a power cut are named by their numbers, and recorded as lost. If the
+    folder already has parts, the new ones are added.
 
-    A part whose serial number is that of the master part has to be pressed and found good within
-    each --master-every hours; otherwise the line and the record of every part have the note "master
-    due". The note "calibration due" appears after --calibration-due, and if the axis says that its
-    calibration has expired. The notes do not stop the axis. The exit status is 0 after Ctrl-C.
+    The master part has the serial number --master-serial. It has to be pressed and found good
+    within each --master-every hours. Otherwise the line and the record of every part have the note
+    "master due". The note "calibration due" appears after --calibration-due, and if the calibration
+    of the axis has expired. The notes do not stop the axis. The exit status is 0 after Ctrl-C.
     """
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import capability, records, results
@@ -334,10 +334,10 @@ def teach(
     FOLDER has records of parts that are known to be good, pressed with this program. All of them
     that are not aborted count as good, whatever the old bounds said of them, so give a folder of
     its own. With a connection and --parts, the command first records parts into FOLDER as `cycle
-    watch` does. The bounds are those of `cycle rates --propose`: by the whole part, for every
-    distribution, from at least 299 and at least b / s - 1 parts for b bounds and a share s. Windows
-    and envelopes stay as they are. The file of -o is the program with new bounds and all its
-    comments.
+    watch` does. The bounds are computed as by `cycle rates --propose`. The share of refused parts
+    is that of the whole program, for any distribution of the values. With b bounds and a share s,
+    at least b / s - 1 parts are needed, and never fewer than 299. Windows and envelopes stay as
+    they are. The file of -o is the program with new bounds and all its comments.
     """
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import live as cycles
@@ -419,12 +419,12 @@ def statistics(
     with --out, its file parts.jsonl, the folder of `cycle rates`, or a table parts.csv of either.
     Of simulated parts only the good ones count.
 
-    With the standard deviation s (n - 1) of all values, Cp is (most - least) / 6 s, and Cpk is the
-    distance of the mean to the nearer bound / 3 s; an element with one bound has no Cp. Other texts
-    call the two Pp and Ppk, because a drift from part to part is in s. The intervals of 95 % hold
-    for normal values: that of Cp is exact, that of Cpk is by Bissell. With fewer than 30 values
-    there is neither Cp nor Cpk. The share of good parts has an exact interval for every
-    distribution. Figures of elements are those of the parts that are good or bad and have the
+    s is the standard deviation (n - 1) of all values. Cp is (most - least) / 6 s, and Cpk is the
+    distance of the mean to the nearer bound / 3 s. An element with one bound has no Cp. Other texts
+    call the two Pp and Ppk, because s includes a drift from part to part. The 95 % intervals hold
+    for values with a normal distribution. That of Cp is exact, and that of Cpk is by Bissell. With
+    fewer than 30 values there is neither Cp nor Cpk. The share of good parts has an exact interval
+    for every distribution. The values of elements are those of all good and bad parts that have the
     program of the last part.
     """
     from forceaxis.cli import cycle_text
@@ -477,12 +477,12 @@ def serve(folder: Path, host: str, port: int, nodesets: Path | None) -> None:
     """Serve the records of a folder as joining results over OPC UA (OPC 40450-1), read-only.
 
     FOLDER has records, as `cycle start`, `cycle result` and `cycle watch` write it with --out. Each
-    of the last 200 parts is a result below ResultManagement/Results: its elements with value,
-    bounds, unit and verdict, its curve as a trace, and serial number, program and times as meta
-    data. A record that is added later becomes a result at once, and the server sends the event that
-    a result is ready.
-    The command reads only the folder; it has no connection to the axis. Clients need no password,
-    so use --host only in a network whose members may see the results. SIGINT or SIGTERM ends it.
+    of the last 200 parts is a result below ResultManagement/Results. A result has the elements of
+    the part with value, bounds, unit and verdict, and its curve as a trace. Serial number, program
+    and times are meta data. A record that is added later becomes a result at once, and the server
+    sends the event that a result is ready. The command reads only the folder, and has no connection
+    to the axis. Clients need no password. So use --host only in a network whose members may see the
+    results. SIGINT or SIGTERM ends it.
     """
     from forceaxis.bus.sources import AddressError
 

@@ -80,11 +80,12 @@ def run(
 
     The command prints the verdict with its reasons and window, the controlled force and its
     set-point, the events, the energy balance, the smallest distance of a value from a code edge,
-    and the trace hash. The verdict is `stable`, `unstable` (the force oscillates, contact is lost
-    again and again, or a fault is latched), `not_met` (a limit of [verdict] is not kept, or the
-    measured force or the output is at an end of its range) or `never_in_contact`. The exit status
-    is 0 for every verdict. With --link the firmware is a separate process; the exit status is 1 if
-    the two processes compute different trace hashes or one of them does not answer.
+    and the trace hash. The verdict is `stable`, `unstable`, `not_met` or `never_in_contact`.
+    `unstable` means that the force oscillates, that contact is lost again and again, or that a
+    fault is latched. `not_met` means that a limit of [verdict] is not kept, or that the measured
+    force or the output is at an end of its range. The exit status is 0 for every verdict. With
+    --link the firmware is a separate process; the exit status is 1 if the two processes compute
+    different trace hashes or one of them does not answer.
     """
     over = link_of(kind, lcm_url, link_can, inject)
     if record:

@@ -68,11 +68,11 @@ def fmu() -> None:
 def plant(model: Path, overrides: tuple[str, ...], version: str, out: Path, as_json: bool) -> None:
     """Write the plant of a model.
 
-    MODEL can also be the path of an experiment: its model with its values and its seed, without its
-    events. Inputs are dac_code, amp_enable and brake_release of the firmware and an impulse on each
-    body; outputs are the codes of encoder, ADCs and switches, and all signals of the model in SI
-    units. The parameters of the model can be set before the initialization, also the seed of the
-    noise.
+    MODEL can also be the path of an experiment. The unit then has its model, its values and its
+    seed, but not its events. Inputs are dac_code, amp_enable and brake_release of the firmware, and
+    an impulse on each body. Outputs are the codes of encoder, ADCs and switches, and all signals of
+    the model in SI units. The parameters of the model and the seed of the noise can be set before
+    the initialization.
     """
     from forceaxis.fmu import unit
     from forceaxis.linear.system import overrides as values
@@ -107,12 +107,12 @@ def firmware(
 ) -> None:
     """Write the firmware of an axis.
 
-    FILE is an experiment, whose objects, later writes and program the firmware has, or a parameter
-    file of `forceaxis axis params dump`; the table [measured] of such a file is not used. Without
-    FILE the objects have their defaults. Inputs are the codes of encoder, ADCs and switches;
-    outputs are dac_code, amp_enable and brake_release. The objects are variables PART.OBJECT, such
-    as axis.force_setpoint: signals are outputs, other objects are parameters that can be set at any
-    time.
+    FILE is an experiment or a parameter file of `forceaxis axis params dump`. From an experiment,
+    the firmware gets the objects, the later writes and the program. The table [measured] of a
+    parameter file is not used. Without FILE, the objects have their defaults. Inputs are the codes
+    of encoder, ADCs and switches. Outputs are dac_code, amp_enable and brake_release. The objects
+    are variables PART.OBJECT, such as axis.force_setpoint. Signals are outputs. Other objects are
+    parameters that can be set at any time.
     """
     from forceaxis.fmu import unit
 

@@ -70,8 +70,8 @@ def identify() -> None:
     confidence intervals.
 
     decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
-    determines parameters of a model from a frequency response of `forceaxis measure`, contact from
-    recordings of first contacts.
+    determines parameters of a model from a frequency response of `forceaxis measure`. contact
+    determines them from recordings of first contacts.
     """
 
 
@@ -172,9 +172,9 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
     """Identify two masses that are connected by a spring (thesis 4.4.2). The sum of the masses, the
     stiffness of the spring and the frequency of the vibration are given.
 
-    There are two solutions; the command chooses the one in which the actuator side m_r1 has more
+    There are two solutions. The command chooses the one in which the actuator side m_r1 has more
     than half of the mass. The equations assume that both masses are free. With a locked motor
-    shaft, as in the measurement of the thesis, the frequency is that of m_r2 alone; the command
+    shaft, as in the measurement of the thesis, the frequency is that of m_r2 alone. The command
     prints the masses for that case too.
     """
     from forceaxis.identify import procedures

@@ -78,17 +78,17 @@ def incident(
     """Explain why an axis has stopped with a fault: read the signals of the last second before the
     error, which the axis has recorded, and describe in words what happened.
 
-    The black box of an axis keeps the first incident, also over a reset, until it is cleared or a
-    recording is started. The first incident since power-up is also kept over a power cut, at most
-    one in 24 hours. The exit status is 1 if there is no incident. The command owns the axis
-    while it reads, so the axis has to be disabled, as it is after a fault.
+    The axis keeps the first incident, even over a reset, until the incident is cleared or a
+    recording is started. The first incident since power-up is also kept over a power cut, but at
+    most one in 24 hours. The exit status is 1 if there is no incident. The command owns the axis
+    while it reads. So the axis has to be disabled, as it is after a fault.
 
-    With --explain, the plant of MODEL is fed the recorded codes, and causes are tried: a changed
-    gain, zero or lag of the force sensor, another stiffness or place of the workpiece, friction,
-    backlash, another gain of the drive, an encoder with another scale or a slip, or the command
-    alone. They are ranked by the fit to force and position. The folder of --out then has
-    explanation.json, a picture, and experiment.toml, which repeats the fault. The exit status is 1
-    if no cause explains the second.
+    With --explain, the plant of MODEL is fed with the recorded codes, and possible causes are
+    tried: a changed gain, zero or lag of the force sensor; another stiffness or position of the
+    workpiece; friction; backlash; another gain of the drive; another scale or a slip of the
+    encoder; or the command alone. The causes are ranked by their fit to force and position. The
+    folder of --out then has explanation.json, a plot, and experiment.toml, which repeats the fault.
+    The exit status is 1 if no cause explains the recorded second.
     """
     if posterior and not model:
         raise InputError(

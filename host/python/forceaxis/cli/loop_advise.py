@@ -97,10 +97,10 @@ def advise(
 
     A change multiplies or divides a stiffness, a mass or a damping by --factor, or uses another
     ADC, sampling or law. The result is a table with one row for each change. Rows are ranked by the
-    crossover frequency at half the critical gain. Beside the linear limit the command prints the
+    crossover frequency at half the critical gain. Besides the linear limit, the command prints the
     largest gain at which the simulated firmware is stable, with quantisation and contact loss. It
-    simulates EXPERIMENT, or the experiment with the name of MODEL, or a first contact that it
-    makes.
+    simulates EXPERIMENT, or the experiment with the name of MODEL. If there is none, it simulates a
+    first contact.
 
     With --over, rows are ranked by the bandwidth fS of the worst plant of the set, at a gain margin
     of 2.3 and Ms at most 2. One row is a bank designed for the set. Changes that the firmware
@@ -185,10 +185,11 @@ def compliance(
     """Show how the margins of a force loop change with the stiffness of the pad, the sensor or the
     workpiece, to choose between a soft contact and a low gain.
 
-    For each stiffness of one element the command prints the bandwidth fS over the set of plants,
-    of the P law and of a bank designed for it, at equal margins; the static error of P; the travel
-    of the drive from first contact to the set-point; and the largest impact that each law tolerates
-    in a simulation with the firmware.
+    For each stiffness of one element, the command prints the bandwidth fS over the set of plants.
+    It does so for the P law, and for a bank that is designed for this stiffness, at equal margins.
+    It also prints the static error of the P law, and the travel of the drive from first contact to
+    the set-point. The last values are the largest impacts that the two laws tolerate in a
+    simulation with the firmware.
     """
     from forceaxis import linear as models
     from forceaxis.cli.advise_text import describe_compliance

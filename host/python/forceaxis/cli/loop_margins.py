@@ -52,13 +52,13 @@ def limit(
 
     With an EXPERIMENT (a path or a name in sim/experiments) the command takes the control law or
     the quantised bank, the gain and the latency of its firmware; options take precedence. The loop
-    is linear: the equations of the model in one mode, in contact. The command prints every gain
-    at which a closed-loop pole crosses the stability boundary, the largest setting of the firmware
-    below the first of them, and, if a gain is given, margins and bandwidth at that gain, and a line
-    if the law then rounds every force of the sensor to no command. JSON: critical_gain in `unit`
-    (null: stable for all gains, or up to known_to, above which rounding errors dominate; 0:
-    unstable for every gain, see reason), frequency_hz, crossings (those at gain 0 are undamped
-    poles of the plant), and `at`.
+    is linear: the equations of the model in one mode, in contact. The command prints every gain at
+    which a closed-loop pole crosses the stability boundary, and the largest setting of the firmware
+    below the first of these gains. If a gain is given, it also prints the margins and the bandwidth
+    at that gain. A further line appears if the law then rounds the command to 0 for every force
+    that the sensor measures. JSON: critical_gain in `unit` (null: stable for all gains, or up to
+    known_to, above which rounding errors dominate; 0: unstable for every gain, see reason),
+    frequency_hz, crossings (those at gain 0 are undamped poles of the plant), and `at`.
 
     With --over, --modes or --timing both, the command analyses a set of plants. It prints the
     largest gain at which all of them are stable, the plant that limits it (`member`), and at the

@@ -68,11 +68,11 @@ def modes_(
     actuator and sensor are colocated in the mode of vibration (thesis 6.1.4).
 
     MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
-    and without drive. The label compares the sign of the residue of a mode, from input to output,
-    with that of the lowest mode; a different result for the next lower mode is printed too. A mode
-    with residue 0 is colocated if dampers couple it (its poles and zeros lie close together), else
-    neither. The command also prints the corresponding pole of the complete system with damping
-    and drive.
+    and without drive. The label of a mode compares the sign of its residue, from input to output,
+    with that of the lowest mode. If the comparison with the next lower mode has another result,
+    this is printed too. A mode with the residue 0 is colocated if dampers couple it, because its
+    poles and zeros are then close together. Otherwise its label is "neither". The command also
+    prints the corresponding pole of the complete system with damping and drive.
 
     \b
     --json: {"model": "fig4_19", "title": ...,

@@ -224,24 +224,24 @@ def measure(
     TARGET is a measurement file (a path, or one of fig3_6 to fig3_12 in sim/measurements), or a
     model (a path, or a name in sim/models) together with --output. Options replace keys of the
     file. The excitation is a voltage at the drive, or codes from the excitation mode of the
-    firmware. The command prints the gain at the lowest frequency, the corner frequency if the
-    first octave is flat, phase crossings, time in contact, coherence and error, the share of points
-    whose 95 % band contains the model, and whether the whole model matches. The exit status is 0
-    even if it does not match.
+    firmware. The command prints the gain at the lowest frequency, the corner frequency if the first
+    octave is flat, phase crossings, time in contact, coherence and error. It also prints the share
+    of points whose 95 % band contains the model, and whether the whole model matches. The exit
+    status is 0 even if it does not match.
 
     For an axis, --free measures the response from codes to the encoder, out of contact, around the
     present position. --force measures the response from codes to the measured force, in contact in
-    mode 4 with the force law of the axis. Without --level the command increases the amplitude
-    from one code. The axis ends the excitation if the measured force falls to 0.6 of the set-point
-    or comes near --force-max, if contact is lost, or if the travel exceeds --travel; the command
-    then tries half the amplitude.
+    mode 4 with the force law of the axis. Without --level the command increases the amplitude from
+    one code. The axis ends the excitation if the measured force falls to 0.6 of the set-point or
+    comes near --force-max, if contact is lost, or if the travel exceeds --travel. The command then
+    tries half the amplitude.
 
     The command measures dry friction first, within the same bounds: out of contact by constant
     codes in both directions, in contact by a slow change of the force up and down. If there is
     friction, it increases the amplitude until the axis slides. The line `friction` gives the
-    friction of guide and gear in codes (with --model in N), that of the workpiece, and the table
-    [[friction]] that the model lacks; --json and result.json have them as "friction". If the axis
-    does not slide within the bounds, the measurement is refused as `friction`.
+    friction of guide and gear in codes (with --model in N), the friction of the workpiece, and the
+    table [[friction]] that the model lacks. --json and result.json have these values as "friction".
+    If the axis does not slide within the bounds, the measurement is refused as `friction`.
 
     --out gets one folder for each response. At the end the axis is disabled and has its earlier
     parameters. After a kill, the same command with --out restores them.

@@ -67,9 +67,9 @@ def convert(log_path: Path, target: Path, as_json: bool) -> None:
     if it ends in .log. An existing file is replaced.
 
     An MCAP file has two topics for each channel. /lcm/AXIS_1_STATE has the bytes of the messages,
-    so a log that is converted back has the same messages at the same times. /axis_1/state has
-    the same messages as JSON for viewers, with the unit of each number in the schema; the samples
-    of a block become one message each, with tick and time_s.
+    so a log that is converted back has the same messages at the same times. /axis_1/state has the
+    same messages as JSON for viewers, with the unit of each number in the schema. Each sample of a
+    block becomes a message of its own, with tick and time_s.
     """
     from forceaxis.bus import recordings
 
