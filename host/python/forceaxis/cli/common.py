@@ -37,8 +37,7 @@ Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a c
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences that the program itself writes: colours of click.style, start of the progress
-# line.
+# Control sequences that the program itself writes: click.style and the start of the progress line.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 

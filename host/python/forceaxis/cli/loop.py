@@ -99,8 +99,7 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
     return add
 
 
-# Decorators that add --set, --mode and the argument MODEL to a command. In the second decorator
-# the argument is MODEL|EXPERIMENT.
+# Decorators that add --set, --mode and the argument MODEL (or MODEL|EXPERIMENT) to a command.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 

@@ -6,8 +6,7 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
-    # If the bandwidth with a filter bank is below this multiple of the bandwidth with the P law,
-    # the text states what limits the bandwidth with the filter bank.
+    # Below this ratio of the bandwidths with filter bank and with P law, the text states the limit.
     1.5
 )
 

@@ -58,8 +58,7 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# Highest frequency of a mode of vibration whose phase lag can limit the gain, as a multiple of the
-# critical frequency.
+# Highest ratio of a mode's frequency to the critical frequency at which its lag can limit the gain.
 LAG = 3.0
 
 
@@ -304,8 +303,7 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
     system = linear.linearise(
         model, (f"{body}.force",), tuple(outputs), overrides=overrides, drive=False
     )
-    # Generalised coordinates of the model at which its bodies are displaced as in the mode of
-    # vibration.
+    # Generalised coordinates with which the bodies are displaced as in the mode of vibration.
     moved = np.array([shape.get(point, 0.0) for point in facts.points])
     coordinates = np.linalg.lstsq(facts.displacements(), moved)[0]
     amplitude = dict(zip(facts.coordinates_kg, coordinates, strict=True))

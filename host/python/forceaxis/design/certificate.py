@@ -163,8 +163,7 @@ def exact(
         else:
             failed = bank.force_gain
         if kept:
-            # The last step has lowered the gain by a large factor, so a larger gain may be good
-            # too.
+            # The last step may have lowered the gain too far, so a larger gain is tried.
             between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
             if between.force_gain <= kept[0].force_gain:
                 break

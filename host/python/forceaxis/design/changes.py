@@ -25,8 +25,8 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0  # factor by which `advise` multiplies and divides a parameter
-# Stiffness of a soft and of a hard grip pad of the thesis, and damping of the pads (5.1, 5.1.2), in
-# SI units. Mass in kg of the sensor of the thesis (Fig 4.26).
+# Stiffness in N/m of a soft and of a hard grip pad of the thesis, and their damping (5.1, 5.1.2).
+# SENSOR_MASS is the mass in kg of the sensor of the thesis (Fig 4.26).
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
 # damping ratio of a workpiece with the damper of thesis section 5.2 in its support
 WORKPIECE_ZETA = 0.11

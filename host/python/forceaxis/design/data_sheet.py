@@ -21,8 +21,8 @@ STEPPER_SPEED_M_PER_S = 0.05
 Answer = float | str | None
 # Function that computes the default of a field from the values of the earlier fields.
 DefaultValue = Callable[["SheetValues"], float]
-# {name of another field: choices of this field}. A field with such a condition has an effect only
-# if the other field has one of these choices.
+# {name of another field: choices of this other field}.
+# The field has an effect only if the other field has one of these choices.
 Only = Mapping[str, tuple[str, ...]]
 ANY: Only = {}
 
@@ -548,8 +548,8 @@ def collect(
     has no effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    # If one of two alternative fields is given, the other field becomes "none". An example is the
-    # radius of a pulley.
+    # If one of two alternative fields is given, such as a pulley's radius, the other becomes
+    # "none".
     for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")

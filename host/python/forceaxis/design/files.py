@@ -151,8 +151,8 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # The experiment is read from the temporary folder of the bench. A path relative to the new
-    # folder is valid only after the new folder has its final name.
+    # The experiment is read from the temporary folder of the bench.
+    # A path relative to the new folder is valid only after the new folder has its final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),

@@ -29,16 +29,14 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, set_of
 
-# The modes that a contact visits are found with a law of integral action: its gain as a share of
-# the critical gain of P, and its integral rate.
+# Gain (as a share of the critical gain of P) and integral rate of the law that finds the modes.
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]  # function that shows the user a text about the progress of a design
 # Function that writes the HTML page of a design into a folder.
 # The last argument of the function is the path of the experiment that the user shall run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# Function that returns the design for a named structure of the law, or None if no gain keeps the
-# margins.
+# Function from the name of a structure of the law to the design, or None if no gain is possible.
 Instead = Callable[[str], DesignOutcome | None]
 
 
@@ -286,8 +284,7 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # At first, the gain of a structure is reduced only while its bandwidth exceeds that of the next
-    # structure.
+    # At first, a structure's gain is reduced only while it has more bandwidth than the next one.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None

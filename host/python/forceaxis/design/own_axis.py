@@ -21,8 +21,8 @@ from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
 GAIN_SHARES = (1.0, 0.7, 0.5)  # gains to try, as shares of the designed gain
-# Largest permitted number of contact losses in a first contact: in the first attempt, and in the
-# second attempt, which is for a light workpiece.
+# Largest number of contact losses in a first contact that each of the two attempts permits.
+# The second attempt is for a light workpiece.
 LOSSES_MAX = (1, 3)
 # Number of simulated plants with random friction, and seed of their random numbers.
 RANDOM_FRICTIONS, SEED = 3, 1988
@@ -103,8 +103,7 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # First combination with which contacts settle, but only after more than LOSSES_MAX[0] contact
-    # losses.
+    # First combination that settles only after more than LOSSES_MAX[0] contact losses.
     spare: SettledContact | None = None
     # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
     # The axis may stay at standstill with this default.

@@ -21,8 +21,8 @@ RANDOM = 40  # number of random plants in the final check, in addition to the co
 # Logarithms of the integral rates of the PI laws: 0.1 to 100 rad/s.
 PI_RATES = structures.logarithms([0.1 * 10 ** (0.1 * step) for step in range(31)])
 PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
-# limited_by() multiplies or divides a bound by this factor. The bound counts as effective above
-# this ratio of the bandwidths.
+# limited_by() multiplies or divides a bound by BOUND_FACTOR.
+# The bound limits the bandwidth if this changes the bandwidth by more than BANDWIDTH_RATIO_MIN.
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # Smallest integral rate of a law as a share of the bandwidth of the PI law.
 # With a smaller integral rate, a static error disappears too slowly.
@@ -98,8 +98,8 @@ class ShortSearch:
         laws = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
         numbers = self._polished(self.inner.best_of(laws))
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
-        # On a soft contact, possibly no law follows the ramp. The best law that was found is then
-        # too slow.
+        # On a soft contact, possibly no law follows the ramp. The law that was found is then too
+        # slow.
         plain = self._shaped(structures.bank(np.array([rate]), 1.0), starts[-1])
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 

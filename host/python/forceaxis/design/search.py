@@ -28,8 +28,7 @@ from forceaxis.linear.precise import DELAYS, Responses
 
 # Smallest ratio of bandwidths at which the search selects the larger structure of the law.
 LARGER_STRUCTURE_MIN = 1.1
-# If the bandwidth of a law is below this share of that of a smaller structure, the result explains
-# why.
+# The result explains why a law has less than this share of the bandwidth of a smaller structure.
 SMALLER_SHARE = 0.99
 # The result names the cost of the ramp above this ratio of bandwidths, without and with the ramp.
 RAMP_COST_MIN = 1.1
@@ -42,8 +41,7 @@ SEED = 1988
 # Rise time of the set-point ramp, as a multiple of 1 / (bandwidth of a PI law).
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time of the set-point ramp
-# Settings of the differential evolution: strategy, share of the numbers that a trial law inherits
-# from the mutated law, and number of generations.
+# Settings of the differential evolution: strategy, share of mutated numbers, generations.
 # Decision 48 (docs/decisions) compares other settings.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
 POPULATION_PER_NUMBER = 6
@@ -55,17 +53,15 @@ SPREAD = 1e-3
 # Number of restarts of the search for a law with no, with one and with two second-order sections.
 RESTARTS = (1, 2, 3)
 # Lowest frequency of zeros and poles for each restart, relative to the bandwidth of a PI law.
-# The best result of all restarts is used. The ramp excludes laws that oscillate after a first
-# contact.
+# The best result of all restarts is used.
+# The ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # A pole with a larger damping ratio is stable without an exact analysis.
 SURELY_STABLE = 1e-6
-# A plant is evaluated on a full grid if its largest gain is below this multiple of the smallest
-# one of all plants.
+# A plant is evaluated on a full grid if its gain limit is below this multiple of the lowest one.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # for each law, largest number of random plants that are evaluated on a full grid
-# For each bandwidth, margin and delay, this number of the worst random plants is evaluated on a
-# full grid.
+# For each bandwidth, margin and delay, so many of the worst random plants get a full grid.
 WORST_EACH = 2
 # Largest static error of a law without integral action, as a share of the force set-point.
 STATIC_ERROR_MAX = 0.01
@@ -267,8 +263,7 @@ def evolved(
     rng = np.random.default_rng(seed)
     first = rng.uniform(low, high, (count, len(limits)))
     first[: len(starts)] = np.clip(starts[:count], low, high)
-    # A law with less bandwidth never replaces a law of the population, so its evaluation may end
-    # early.
+    # A law with less bandwidth is never accepted, so its evaluation may end early.
     floors_Hz: list[float] = []
 
     def cost(columns: Samples) -> Samples:
@@ -443,8 +438,7 @@ def _close_to_worst(thin: Grid, problem: SearchProblem, bank: Bank, steep: float
     """Returns the indices of those plants of a grid that may be the worst ones with a filter bank
     at its largest gain. Such a plant has nearly the smallest largest gain, or the worst bandwidth
     or margin. `steep`: gain of the bank at high frequency if its gain is 1."""
-    # The bound at high frequency is left out. It is equal for all plants and would hide other
-    # bounds.
+    # The bound at high frequency is left out, because it would hide other bounds.
     gains = thin.gains(bank, steep, replace(problem.bounds, hf_gain=math.inf))
     near = np.flatnonzero(gains <= CLOSE_TO_WORST * gains.min())
     found = set(near[np.argsort(gains[near], kind="stable")][:CLOSE_MAX].tolist())

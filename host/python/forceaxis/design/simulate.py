@@ -96,8 +96,7 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # Permitted contact losses after a first contact, in addition to those that the impact
-        # causes.
+        # Permitted contact losses of a first contact, besides those that the impact causes.
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -128,8 +127,7 @@ class ContactBench:
         bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # The cache of files is emptied: files of both benches have equal names but different
-        # contents.
+        # The cache of files is emptied, because the other bench has files with the same names.
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},

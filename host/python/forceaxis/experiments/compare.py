@@ -182,8 +182,7 @@ def _runs(measured: _Measured) -> list[_Run]:
     predictor, request = measured.predictor, measured.predictor.request
     nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
-        # The recorded set-points act at the same times as on the machine, from the first contact
-        # on.
+        # Counted from the first contact, the recorded set-points act at the recorded times.
         found = predictor.touch_s(nominal, measured.level)
         if found is not None:
             predictor.setpoint_shift_s = found - measured.touch_s
@@ -258,8 +257,7 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
             figures = _contact_figures(grid, values, series, own, quantum) + figures
         elif name == "position":  # the position zero of the machine is not that of the model
             values = values - np.interp(0.0, grid, values)
-            # The instant of the first contact, at which both times are 0, is uncertain by half a
-            # sample.
+            # The time of the first contact is uncertain by half a sample.
             floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
         middle = np.median(series, axis=0)
         spread = POINT_BAND * series.std(axis=0) + floor

@@ -47,8 +47,7 @@ class PredictionRequest:
     experiment: Path
     over: Sequence[str] = ()
     overrides: Sequence[str] = ()
-    # input of the runs: a name in INPUTS, "law" for the force law of the experiment, or None to
-    # select it from the recording
+    # input of the runs: a name in INPUTS, or "law"; None: selected from the recording
     input: str | None = None
     gap: str | None = None  # name of the model parameter that moves the first contact
     samples: int = 40

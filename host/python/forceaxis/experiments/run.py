@@ -30,8 +30,7 @@ class Run:
     events: list[tuple[float, str, str, str]]
     plot: run_result.PlotTable
     shows: str  # text in the experiment file that describes the expected behaviour
-    # (time of the change in s, force in N) for each force set-point; empty if no force is
-    # controlled
+    # (time of the change in s, force in N) of each force set-point; may be empty
     setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]  # (time in s, body, N s) for each impulse on a body
     contacts: list[str]  # names of the contacts of the model

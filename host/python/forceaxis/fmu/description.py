@@ -120,8 +120,7 @@ def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         if variable.role == "independent" and version == "2.0":
-            # FMI 3.0 requires the time as a variable, but some importers of FMI 2.0 do not accept
-            # it.
+            # Some importers of FMI 2.0 do not accept the time as a variable.
             continue
         write.variable(listed, reference, variable)
     write.structure(root, [i for i, v in enumerate(variables) if v.role == "output"])

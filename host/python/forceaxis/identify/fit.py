@@ -24,8 +24,7 @@ from forceaxis.results import to_json
 WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
 # Smallest half width of the 95 % interval of a logarithm that causes a warning.
 WARNED_HALF_WIDTH = math.log(2)
-# Smallest ratio of the singular values of the normalised Jacobian at which parameters are
-# distinguishable.
+# Below this ratio of the Jacobian's singular values, parameters are not distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
 LEAST_EFFECT = 1e-9  # a smaller relative change of the response is not an effect of a parameter
 # If chi-square has a smaller probability, other start values are tried and the fit is rejected.
@@ -33,8 +32,7 @@ REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of further start values of the search
 # Fields of a Measurement that are arrays. The arrays have the same names in response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
-# Half width of the range in which a logarithm is searched. It is a factor of 20 above and below
-# the start value.
+# Half width of the search range of a logarithm: about a factor of 20 above and below the start.
 SEARCH_RANGE = 3.0
 
 

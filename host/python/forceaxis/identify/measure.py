@@ -95,8 +95,8 @@ class ExcitedPlant:
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # The rounding error depends on the amplitude. If all realisations had the same
-            # amplitude, the rounding error would not increase the variance.
+            # The amplitude is random, because the rounding error depends on it.
+            # The rounding error of a constant amplitude would not increase the variance.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:

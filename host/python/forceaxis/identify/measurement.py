@@ -125,14 +125,14 @@ class Measurement:
     modes: dict[str, str] = field(default_factory=dict)
     #: relative decrease of H1 due to the converter's noise in the input
     input_bias: float = 0.0
-    #: period and delay of the encoder's positions in samples, if a bus transmits them. The input is
-    #: then the command that the drive applies, and not the DAC code of the firmware.
+    #: period and delay of the encoder's positions in samples, if a bus transmits them.
+    #: The input is then the command that the drive applies, and not the DAC code of the firmware.
     positions: tuple[int, int] = (1, 0)
-    #: mean age of a reading of the force in samples, and width of the range of ages. They apply to
-    #: a sensor with a clock of its own.
+    #: mean age of a force reading in samples, and width of the range of ages.
+    #: They apply to a sensor with a clock of its own.
     ages: tuple[float, float] = (0.0, 0.0)
-    #: order of the sinc filter of that sensor's converter, 0 without a filter. The period of its
-    #: samples is the width of the range of ages.
+    #: order of the sinc filter of that sensor's converter, 0 without a filter.
+    #: The period of its samples is the width of the range of ages.
     sinc_order: int = 0
 
     def predict(
@@ -148,8 +148,7 @@ class Measurement:
         if self.window == "none":
             x, y = self._signals(system, frequency)
             return np.asarray(self.scale * y / x)
-        # The expected value of H1 with a window W is sum |W|^2 X* Y / sum |W|^2 |X|^2 near a
-        # frequency.
+        # With a window W, the mean of H1 near a frequency is sum |W|^2 X* Y / sum |W|^2 |X|^2.
         offset = np.arange(-48, 49) / 8 + 1e-9  # in spectral lines; 1e-9 avoids 0 / 0
         near = frequency[:, None] + offset * self.resolution_hz
         weight = (np.sinc(offset) / (1 - offset**2)) ** 2

@@ -43,8 +43,7 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
-    # The range of the axis is at least a decade, so that a nearly constant magnitude looks
-    # constant.
+    # The axis has at least a decade, so that a nearly constant magnitude looks constant.
     if high < 10 * low:
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))

@@ -180,8 +180,8 @@ def _extremes(
     frequency of its trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # The extreme value is at the vertex of the parabola through three points. The parabola is
-        # over the logarithm of the frequency.
+        # The extreme value is at the vertex of the parabola through three points.
+        # The parabola is over the logarithm of the frequency.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -189,8 +189,7 @@ def _extremes(
     found, _ = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Troughs are assigned before weaker peaks are removed, so that the troughs of these are
-    # removed.
+    # Troughs are assigned before weaker peaks are removed together with their troughs.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(signal.peak_prominences(target, found)[0])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]

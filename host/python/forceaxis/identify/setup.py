@@ -41,9 +41,9 @@ class Setup:
     excitation: str = "noise"  #: waveform: noise, sine (one spectral line after another) or chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
-    #: Level of the excitation. With "volts", it is the rms in V for noise, otherwise the amplitude
-    #: in V. With "codes", it is in DAC codes. The amplitude of a sine in codes is random, from half
-    #: of this value on. The level 0 selects 0.1 V or 20 codes.
+    #: Level of the excitation. With "volts", it is the rms in V for noise, else the amplitude in V.
+    #: With "codes", it is in DAC codes. The amplitude of a sine is then random from half of it on.
+    #: The level 0 selects 0.1 V or 20 codes.
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half

@@ -41,8 +41,7 @@ class Factored:
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
-            # Factors of zeros and of poles are multiplied in turn, so that no intermediate product
-            # overflows.
+            # Factors of zeros and of poles alternate, so that no intermediate product overflows.
             if zero is not None:
                 value = value * (1 - s / zero)
             if pole is not None:
@@ -198,9 +197,9 @@ class Beam:
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
-        # Thesis 2.4.4, corrected. With X = b l and 4 b^4 = p^2 = rho A s^2 / (E I):
-        # V_act / F_a = s (cosh^2 X + cos^2 X) / D, V_tip / F_a = s 2 cosh X cos X / D,
-        # D = 4 E I b^3 (sinh X cosh X + sin X cos X).
+        # The functions are those of thesis 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
+        # Here p^2 = rho A s^2 / (E I), and D = 4 E I b^3 (sinh X cosh X + sin X cos X).
+        # V_act / F_a = s (cosh^2 X + cos^2 X) / D, and V_tip / F_a = s 2 cosh X cos X / D.
         # Both functions are even in p, so p is chosen in the right half-plane.
         # Then |arg X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
         s = np.asarray(s, dtype=complex)

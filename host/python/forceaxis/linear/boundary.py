@@ -40,8 +40,7 @@ def minimal(system: System) -> System:
     The poles of these states do not depend on the gain, even if they are on the stability boundary.
     An example is a position that drifts.
     """
-    # The matrices are balanced with input and output. Otherwise, the state of a delay can appear
-    # unobservable.
+    # The balance includes input and output. Otherwise, a delay may appear unobservable.
     n = len(system.A)
     corner = np.zeros((len(system.C), system.B.shape[1]))
     scale = _core.balance(np.block([[system.A, system.B], [system.C, corner]]))

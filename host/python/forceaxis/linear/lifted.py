@@ -174,8 +174,7 @@ class _SincFilter:
 
     def __init__(self, order: int, every: Fraction, rows: Matrix) -> None:
         self.chain, self.due = rows[:order], list(rows[order:])
-        # weights of the moments of an interval: in the sample at the end of the interval, in the
-        # next sample, and so on
+        # weights of an interval's moments: one row for the sample at its end, for the next, ...
         self.weights = np.array([
             [_rounded(c * math.factorial(j) / every ** (j + 1)) for j, c in enumerate(piece)]
             for piece in spline_pieces(order)

@@ -39,8 +39,7 @@ CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # number of gains that a search evaluates together
 ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show their effect
-# The loop must be seen to be stable and unstable at this distance from a limit. The distance is a
-# share of the limit.
+# Relative distance from a limit at which the loop must be seen to be stable or unstable.
 EDGE_SHARE = 1e-7
 
 
@@ -132,9 +131,8 @@ class Loop:
     bank: Bank | None = None
     own_gain: float | None = None  # gain k of the loop's experiment
     working: Working = field(default_factory=lambda: Working({}))
-    # Effect of a constant set-point on the states and on the feedback. It is given for a loop over
-    # a bus, whose law acts in every tick and whose inputs are codes. None: same effect as the
-    # error.
+    # Effects of a constant set-point on the states and on the feedback of a loop over a bus.
+    # None: the set-point acts as the error does.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
@@ -233,8 +231,7 @@ class Loop:
         the stability boundary, the derivative dG/dw, and the largest change of G by rounding of the
         matrix entries."""
         at = np.asarray(w, float)
-        # At w = 0, the minimal system is needed. A pole at 0 may have no effect on the output
-        # there.
+        # Only at w = 0 is the minimal system needed, because of poles at 0 that have no effect.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding

@@ -124,8 +124,7 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
         for decimal in (".", ",")
         if mark != decimal
     ]
-    # Selects the dialect with the most numbers. Of equal ones, it selects the one with the most
-    # columns, then the first one.
+    # The dialect with the most numbers is selected, then that with the most columns.
     numbers, width, mark, decimal = max(found, key=lambda one: one[:2])
     if numbers < 2:
         raise InputError(

@@ -94,8 +94,8 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     """Yields a finding for each long constant stretch of a signal that otherwise changes. A failed
     sensor causes such stretches."""
     lengths = _equal_runs(values)
-    # Half of the samples are in runs of equal values that are at most this long. A position at rest
-    # is often constant.
+    # Half of the samples are in runs of equal values that are at most this long.
+    # A position at rest is often constant, for example.
     usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:

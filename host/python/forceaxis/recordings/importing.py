@@ -270,7 +270,6 @@ class _Times:
             begin_s = float(known[0]) * factor if len(known) else 0.0
             if not self._known and abs(begin_s) > LARGE_TIME_S:
                 self.origin_s = float(np.floor(begin_s))
-            # The origin is subtracted before the conversion, so that times of the day keep their
-            # digits.
+            # The origin is subtracted first, so that times of the day keep their digits.
             self._known[name] = (column.values - self.origin_s / factor) * factor, column
         return self._known[name]

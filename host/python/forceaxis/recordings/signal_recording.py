@@ -38,9 +38,10 @@ HEADER = "recording.toml"
 EVEN_SHARE = 0.25
 SUFFIX = ".npz"
 
-#: {name of a signal with a fixed meaning: its unit}. A signal whose name ends in _command is what
-#: the controller of the machine sent to the drive. A signal whose name ends in _setpoint is what
-#: the controller had to reach. Signals with other names have no meaning for commands.
+#: {name of a signal with a fixed meaning: its unit}.
+#: A signal whose name ends in _command is what the machine's controller sent to the drive.
+#: A signal whose name ends in _setpoint is what the machine's controller had to reach.
+#: Signals with other names have no meaning for commands.
 UNITS = {
     "force": "N",
     "position": "m",
@@ -122,8 +123,7 @@ class RecordingSource:
     kind: str  #: kind of the file, such as "CSV" or "MCAP"
     sha256: str
     bytes: int
-    # : time in the source that is 0 in the recording. It is 0, or a whole number for times of the
-    # day.
+    #: time in the source that is 0 in the recording: 0, or a whole number for times of the day
     origin_s: float = 0.0
     #: columns of the source that are not in the recording
     not_imported: tuple[str, ...] = ()

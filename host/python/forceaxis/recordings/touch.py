@@ -14,8 +14,8 @@ from forceaxis.recordings.findings import quantum_of
 from forceaxis.recordings.signal_recording import Floats
 
 LEAST_BEFORE = 8  # smallest number of samples before the first contact
-# A force is a contact if it exceeds all of three levels: a multiple of the standard deviation of
-# the noise before it, a share of the largest force, and a multiple of the smallest step.
+# A force above all of three levels is a contact.
+# They are multiples of the noise, of the largest force, and of the smallest step of the force.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
 # Two thresholds find the sample before the force rises.

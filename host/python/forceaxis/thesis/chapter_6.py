@@ -23,8 +23,7 @@ from forceaxis.thesis.analysis import (
 from forceaxis.thesis.chapter_2 import ARM_DAMPING, LIGHT_BASE
 from forceaxis.thesis.claim import Claim, compared, stated
 
-# Two links. The mass of the second link is at its end, beyond the centre of percussion of a uniform
-# link.
+# Two links. The mass of the second link is at its end, beyond the centre of percussion.
 MASS_AT_THE_END = TwoLinkArm(c2=TwoLinkArm.l2)
 
 

@@ -214,8 +214,7 @@ class FitRecord:
     cells: int  # number of cells to which the constants are fitted
     points_at_best: int  # number of grid points with the highest score
     left_out: list[OmittedFigure]
-    # {constant: [(ratio to the fitted value, score)]}
-    # A score is the number of table cells whose simulated verdict equals the measured verdict.
+    # {constant: [(ratio to the fitted value, number of table cells with equal verdicts)]}
     plateau: dict[str, list[tuple[float, int]]]
     # (name of the open choice, interpretation, score) of each other interpretation
     readings: list[tuple[str, str, int]]
@@ -230,8 +229,7 @@ class Tables:
     workpieces: dict[str, dict[str, float]]  # {workpiece: parameter values}
     # name of the parameter for the set-point of cells whose set-point the thesis does not state
     unstated_setpoint: str
-    # names of the groups of cells to which the constants are fitted
-    # The cells of all other groups are predicted.
+    # names of the groups of cells to which the constants are fitted; other cells are predicted
     fit_on: tuple[str, ...]
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
@@ -468,8 +466,7 @@ def evidence_hash() -> str:
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        # The descriptions in a file do not affect a simulated run, so they are left out of the
-        # hash.
+        # Descriptions in a file do not affect a simulated run, so the hash leaves them out.
         for table in (experiment, model):
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
