@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from forceaxis.results import Convertible
 
 T = TypeVar("T")
-Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a command
+Callback = TypeVar("Callback", bound=Callable[..., None])  # type of the function of a command
 
 # Longest first sentence of a help text in characters: the library click cuts longer ones.
 FIRST_SENTENCE_LENGTH = 300

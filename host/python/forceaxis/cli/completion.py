@@ -13,7 +13,7 @@ from forceaxis.cli.common import Verb, Verbs
 
 SHELLS = click.Choice(["bash", "zsh", "fish"])
 # Bash splits command-line words such as sim:contact and NAME=VALUE at the colon or equals sign.
-# These lines join the pieces. After the completion, KEPT_REMOVED removes the piece that Bash keeps.
+# These lines join the pieces of a word. KEPT_REMOVED then removes the piece that Bash keeps.
 JOINED_WORDS = """
     local words=() cword=0 i kept
     for ((i = 0; i < ${#COMP_WORDS[@]}; i++)); do

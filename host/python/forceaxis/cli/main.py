@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 # With small matrices, several threads of the BLAS library need fifty times as long as one thread.
-# NumPy reads this variable when NumPy is loaded.
+# NumPy reads the environment variable OPENBLAS_NUM_THREADS when NumPy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -20,7 +20,7 @@ from forceaxis.cli import moved
 from forceaxis.cli.common import fail, printed_streams
 
 # Commands on the first page of the help: {heading: {commands: what these commands do}}.
-# The page has to fit a terminal of 24 lines with 80 columns.
+# The first page of the help has to fit a terminal of 24 lines with 80 columns.
 PAGE = {
     "Will my axis be stable?": {
         "new": "write a model and experiments of your axis from data sheets",
@@ -52,8 +52,9 @@ PAGE = {
 WORDS = [word for rows in PAGE.values() for words in rows for word in words.split(", ")]
 
 # Python modules of each command whose module has another name than the command.
-# The list VERBS of the first module contains the command. Further modules add commands to a group.
-# A module is loaded when its command is used.
+# The list VERBS of the first module contains the command.
+# Further modules add commands to a group of commands.
+# The module of a command is loaded when the command is used.
 MODULES = {
     **dict.fromkeys(("run", "sweep", "test"), ("experiments",)),
     **dict.fromkeys(("monitor", "gateway"), ("buses",)),
@@ -66,7 +67,7 @@ MODULES = {
 }  # fmt: skip
 
 # Exceptions that end a command with one text line and exit status 1.
-# They are listed by name, so that their Python modules need not be loaded.
+# The exceptions are listed by name, so that their Python modules need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",

@@ -70,7 +70,7 @@ class SimulatedContact(Outcome):
     """One row of "simulated" in the result of `design`: a contact that was simulated with one
     control law on one plant."""
 
-    law: str  # "design" or "p"
+    law: str  # name of the control law: "design" or "p"
     case: str
     # {parameter: value in SI units} of the simulated plant; empty for the nominal plant
     member: dict[str, float]

@@ -20,7 +20,7 @@ from forceaxis.linear.precise import DELAYS, Responses
 
 ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margins are computed
 # Ratio of the first gain in the exact check to the gain that the grid of frequencies permits.
-# The ratio is below 1, because the grid seldom contains the worst plant.
+# This ratio of two gains is below 1, because the grid seldom contains the worst plant.
 FIRST_GAIN_FACTOR = 0.995
 # The search for the largest gain ends when the ratio of a kept gain to a failed gain is this large.
 GAIN_NEAR = 0.98
@@ -79,7 +79,7 @@ class WorstFigures:
 class PFigures(WorstFigures):
     """Worst bandwidth and margins of the P law with the largest gain that keeps the margins."""
 
-    force_gain: float  # DAC codes per 8-bit count
+    force_gain: float  # gain of the P law in DAC codes per 8-bit count
 
 
 @dataclass(frozen=True)

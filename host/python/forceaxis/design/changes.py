@@ -47,11 +47,13 @@ class Change:
     name: str = ""
     # Kind of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control.
     kind: str = ""
-    overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
-    edits: tuple[TableEdit, ...] = ()  # edits of the model file
+    # changed parameters: {parameter: SI value}
+    overrides: Mapping[str, float] = field(default_factory=dict)
+    edits: tuple[TableEdit, ...] = ()  # changes of the model file
     # Control law and delay of the loop. None selects the law p with the delay of the design.
     spec: LoopSpec | None = None
-    states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
+    # changed states of the model's elements: {element: state}
+    states: Mapping[str, str] = field(default_factory=dict)
     # {firmware object: value} with the settings that a simulation of this change needs
     firmware: Mapping[str, int] = field(default_factory=dict)
     simulated: bool = True  # False if `advise --simulate` does not simulate this change

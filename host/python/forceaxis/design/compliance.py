@@ -83,7 +83,7 @@ class ComplianceOrder:
     """The request for a Compliance: model, element with the stiffness, stiffness values and set of
     plants."""
 
-    text: str  # MODEL or EXPERIMENT
+    text: str  # the model or experiment, as a path or a name
     # name of a stiffness parameter in N/m; None: stiffness of the contact
     element: str | None = None
     overrides: Mapping[str, float | str] | None = None

@@ -21,8 +21,8 @@ STEPPER_SPEED_M_PER_S = 0.05
 Answer = float | str | None
 # Function that computes the default of a field from the values of the earlier fields.
 DefaultValue = Callable[["SheetValues"], float]
-# {name of another field: choices of this other field}.
-# The field has an effect only if the other field has one of these choices.
+# {name of a field: choices of this field}.
+# Another field with this condition has an effect only if the named field has one of the choices.
 Only = Mapping[str, tuple[str, ...]]
 ANY: Only = {}
 
@@ -34,9 +34,9 @@ class SheetField:
 
     part: str  # component of the axis to which the field belongs, such as "motor"
     unit: str
-    low: float  # smallest accepted value
-    high: float  # largest accepted value
-    default: float | DefaultValue | None  # None: the default is `word`
+    low: float  # smallest accepted number
+    high: float  # largest accepted number
+    default: float | DefaultValue | None  # default value; None means the text `word`
     why: str  # reason for the default value
     # question to the user: the quantity, and the section of data sheets that states the quantity
     ask: str
@@ -548,8 +548,7 @@ def collect(
     has no effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    # If one of two alternative fields is given, such as a pulley's radius, the other becomes
-    # "none".
+    # If one of two alternative fields is given, the other field becomes "none".
     for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")

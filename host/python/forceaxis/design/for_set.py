@@ -34,7 +34,7 @@ PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]  # function that shows the user a text about the progress of a design
 # Function that writes the HTML page of a design into a folder.
-# The last argument of the function is the path of the experiment that the user shall run.
+# The last argument of this function is the path of the experiment that the user shall run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
 # Function from the name of a structure of the law to the design, or None if no gain is possible.
 Instead = Callable[[str], DesignOutcome | None]

@@ -23,7 +23,7 @@ Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
 POLE_ROUNDING_PER_S = 1e-7  # rounding error of a pole at frequency 0, in 1/s
-LOWEST_HZ = 0.02  # lowest frequency of a grid
+LOWEST_HZ = 0.02  # lowest frequency of a grid in Hz
 THIN = 1 / 3  # density of a thin grid relative to a full grid
 # Default of the largest gain at high frequency, in DAC codes per 8-bit count, for every ADC.
 # A finer ADC does not reduce the noise of the measured force in N.

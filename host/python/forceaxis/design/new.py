@@ -29,7 +29,7 @@ TICK_S = 1.0 / _core.TICKS_PER_SECOND
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
 DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
 # Ratio of the first gains of a new axis to the critical gains of its loops.
-# Contact loss makes a loop unstable below the critical gain.
+# Contact loss makes a force loop unstable below the critical gain.
 FIRST_GAIN_SHARE = 1 / 6
 # Contact loss makes contact.toml unstable far below the critical gain.
 # The gain of contact.toml is therefore lowered in steps, each by the factor RESERVE_STEP.
@@ -282,7 +282,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     v = axis.v
     sliding = {"seals": "forward"} if v.guide_coulomb_n else {}
     if v.transmission_stiffness_n_per_m and v.backlash_mm:
-        sliding["transmission.high"] = "pressed"  # the backlash is closed
+        sliding["transmission.high"] = "pressed"  # state of a closed backlash
     # Forces along the axis that act on the pressing body: gravity and dry friction.
     pull = f"{'axis' if v.transmission_stiffness_n_per_m is None else 'load'}.force"
     inputs = ("drive.command", pull)
@@ -326,7 +326,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     free_speed = min(gain * setpoint, DAC_CODES) * code
     reach = v.approach_mm / 1e3 / free_speed
     # A user may run the file with lower gains and set-points, which make the approach slower.
-    # The duration is sufficient at a tenth of the speed, except if the run then takes too long.
+    # The simulated time is sufficient at a tenth of the speed, unless the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
     pushes += weight  # N, with the weight, at standstill

@@ -30,9 +30,10 @@ LATE = 1.1  # largest permitted Ms with one tick of latency, relative to Ms with
 class DesignOrder:
     """The request for a design: model, set of plants, margins and simulated contacts."""
 
-    text: str  # MODEL or EXPERIMENT
+    text: str  # the model or experiment, as a path or a name
     over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH
-    overrides: Mapping[str, float | str] = field(default_factory=dict)  # {parameter: value}
+    # changed parameters: {parameter: value}
+    overrides: Mapping[str, float | str] = field(default_factory=dict)
     # sets of values that change together, as in PlantSet
     together: tuple[dict[str, float], ...] = ({},)
     modes: str = "visited"
@@ -41,7 +42,7 @@ class DesignOrder:
     ms: float = 2.0  # largest permitted Ms; with one tick of latency, LATE times this value
     gain_margin: float = 2.3  # smallest permitted gain margin as a factor of the gain
     adc_bits: int | None = None  # bits of the force ADC; None: those of the model
-    latency: str = "both"  # a key of LATENCIES
+    latency: str = "both"  # latencies of the design, a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
     # rise time in s of a force set-point ramp that the force has to follow
@@ -49,7 +50,7 @@ class DesignOrder:
     # values of firmware objects that replace or add to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # Force set-points of the simulated first contacts in N.
-    # If empty, the ranges of sensor and drive determine the force set-points.
+    # Without force set-points, the ranges of sensor and drive determine them.
     forces_N: tuple[float, ...] = ()
     # approach speed; None selects the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None
@@ -176,7 +177,7 @@ class DesignOutcome:
 
     order: DesignOrder
     plants: PlantSet
-    units: dict[str, str]  # {parameter: unit of the parameter}
+    units: dict[str, str]  # units of the parameters: {parameter: unit}
     bits: int
     bank: Bank
     worst: WorstFigures

@@ -22,7 +22,7 @@ from forceaxis.progress import phase
 
 GAIN_SHARES = (1.0, 0.7, 0.5)  # gains to try, as shares of the designed gain
 # Largest number of contact losses in a first contact that each of the two attempts permits.
-# The second attempt is for a light workpiece.
+# The second attempt of a design is for a light workpiece.
 LOSSES_MAX = (1, 3)
 # Number of simulated plants with random friction, and seed of their random numbers.
 RANDOM_FRICTIONS, SEED = 3, 1988
@@ -106,7 +106,7 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     # First combination that settles only after more than LOSSES_MAX[0] contact losses.
     spare: SettledContact | None = None
     # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
-    # The axis may stay at standstill with this default.
+    # The axis may stay at standstill with contact_loss_cap = 0.
     for stands, gain, share in itertools.product(
         (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
     ):

@@ -98,8 +98,7 @@ class ShortSearch:
         laws = search.evolved(self._thin, limits, np.array(starts), POPULATION, GENERATIONS)
         numbers = self._polished(self.inner.best_of(laws))
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
-        # On a soft contact, possibly no law follows the ramp. The law that was found is then too
-        # slow.
+        # On a soft contact, possibly no law follows the ramp, and the found law is then too slow.
         plain = self._shaped(structures.bank(np.array([rate]), 1.0), starts[-1])
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 

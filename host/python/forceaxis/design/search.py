@@ -42,19 +42,19 @@ SEED = 1988
 RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time of the set-point ramp
 # Settings of the differential evolution: strategy, share of mutated numbers, generations.
-# Decision 48 (docs/decisions) compares other settings.
+# Decision 48 (docs/decisions) compares other settings of the differential evolution.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
 POPULATION_PER_NUMBER = 6
 # Each restart has FIRST_GENERATIONS generations. The KEPT restarts with the best laws then go on.
 FIRST_GENERATIONS, KEPT = 60, 2
 # An evolution ends when all bandwidths of its population differ by less than this share.
-# A simplex search then finds the maximum.
+# A simplex search then finds the maximum of the bandwidth.
 SPREAD = 1e-3
 # Number of restarts of the search for a law with no, with one and with two second-order sections.
 RESTARTS = (1, 2, 3)
 # Lowest frequency of zeros and poles for each restart, relative to the bandwidth of a PI law.
-# The best result of all restarts is used.
-# The ramp excludes laws that oscillate after a first contact.
+# The best result of all restarts of a search is used.
+# The ramp of the set-point excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # A pole with a larger damping ratio is stable without an exact analysis.
 SURELY_STABLE = 1e-6

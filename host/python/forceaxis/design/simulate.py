@@ -536,7 +536,8 @@ def choose_loss(
         ladder = [*stable[i : i + len(STRIKE_FACTORS)], False]
         survived = ladder.index(False)
         tolerated[keys[i][0]].append(STRIKE_FACTORS[survived - 1] if survived else 0.0)
-    able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
+    # with dry friction, a cap of 0 DAC codes is not chosen
+    able = [c for c in choices if c[0] or not bench.frictions]
     # Of several equal results, the first one is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s

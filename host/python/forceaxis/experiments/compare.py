@@ -373,7 +373,7 @@ def _with_band(figure: _Figure, deviations: float) -> ComparedFigure:
     width = deviations * float(known.std())
     low = min(float(known.min()), middle - width) - figure.resolution
     high = max(float(known.max()), middle + width) + figure.resolution
-    low = max(low, 0.0) if figure.unit in ("s", "") else low  # times and counts
+    low = max(low, 0.0) if figure.unit in ("s", "") else low  # a time or a count is never negative
     low = low if figure.has_low else 0.0
     is_missing = figure.measured is None
     agrees = _share(figure.runs) < 1 if is_missing else low <= (figure.measured or 0.0) <= high

@@ -314,7 +314,7 @@ class Expectation:
     band: float  # half of the width of the settling band
     # True if the settling band is in the unit of `signal`; False if it is a fraction of the step
     band_is_absolute: bool
-    recordings: tuple[Path, ...] = ()  # recordings of the real machine
+    recordings: tuple[Path, ...] = ()  # files with recordings of the real machine
     # uncertainty of parameters for the bands of the recordings
     recording_over: tuple[str, ...] = ()
 
@@ -328,7 +328,7 @@ class Measured:
     signal: str  # evaluated column of the trace
     from_s: float  # time in s at which the evaluation starts
     final_s: float  # duration in s of the mean at the end of the run
-    final: float  # final value of `signal`
+    final: float  # final value of the evaluated column
     # half width of the settling band, which extends from final - width to final + width
     width: float
 
@@ -421,7 +421,7 @@ class Reader:
         """Returns a plain number of at least `low`."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, "expected a number")
-        if not low <= value <= LARGEST_NUMBER:  # NaN too
+        if not low <= value <= LARGEST_NUMBER:  # false for NaN too
             self.fail(key, f"expected a number from {low:g} to {LARGEST_NUMBER:g}, got {value:g}")
         return float(value)
 

@@ -49,8 +49,8 @@ class Event(NamedTuple):
 
     time_s: float  #: time since the start of the run in s
     element: str  #: name of the element in the model
-    before: str  #: state before the change
-    after: str  #: state after the change
+    before: str  #: state of the element before the change
+    after: str  #: state of the element after the change
 
 
 class Experiment:
@@ -90,10 +90,10 @@ class Experiment:
         self.title: str = found.title
         self.model = found.model
         #: {parameter of the model: (value in SI units, name of this unit)}.
-        #: The table [set] of the experiment takes precedence over the model.
+        #: The table [set] of an experiment takes precedence over the values of its model.
         self.parameters: dict[str, ParameterFacts] = found.parameters
         #: Values of the firmware objects that the experiment writes before the first tick.
-        #: Each value is in the unit of its object.
+        #: The value of a firmware object is in the unit of the object.
         self.firmware: dict[str, float] = found.firmware
 
     def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:

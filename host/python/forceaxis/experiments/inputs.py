@@ -24,7 +24,7 @@ class Inputs:
     firmware: dict[str, float]  # {firmware object: value that is written before the first tick}
     expect: ExpectTable | None
     inputs_hash: str
-    criterion: Criterion | None  # the table [verdict]
+    criterion: Criterion | None  # limits of the verdict, from the table [verdict]
     # reason why the table [verdict] cannot be evaluated; None if it can be evaluated
     not_evaluable: str | None
     # values of the parameters of the model after the overrides

@@ -21,7 +21,7 @@ class PlantReport:
 class AxisReport:
     """The report of the program axis_node. Each list has one entry for each axis."""
 
-    pid: int  # id of the process
+    pid: int  # process identifier of axis_node
     trace_hashes: list[str]
     faults: list[str]  # name of the latched fault of each axis; "none" without a fault
     refused: list[list[RefusedWrite]]

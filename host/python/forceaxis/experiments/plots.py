@@ -16,7 +16,7 @@ from forceaxis.experiments import verdicts
 from forceaxis.experiments.run_result import Array, Columns
 
 Values: TypeAlias = Array | Sequence[float]
-Note: TypeAlias = tuple[str, str]  # (text, colour)
+Note: TypeAlias = tuple[str, str]  # text line below the title: (text, colour)
 
 # {last component of the name of a signal of the model: (unit, factor)}
 UNITS: dict[str, tuple[str, float]] = {
@@ -286,11 +286,11 @@ class ExpectedLevel:
     """An expected range of a value, and the value of the run. Both are in the unit of the trace."""
 
     row: int  # number of the row in the plot
-    name: str  # key of [expect]
+    name: str  # key of [expect] with the expected value
     from_s: float  # time in s from which the value is evaluated
     low: float  # lower end of the expected range
     high: float  # upper end of the expected range
-    obtained: float  # value of the run
+    obtained: float  # obtained value of the run
 
 
 @dataclass(frozen=True)

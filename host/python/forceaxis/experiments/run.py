@@ -22,8 +22,8 @@ from forceaxis.words import option_words
 class Run:
     """A finished run: its result and its trace."""
 
-    experiment: Path  # file of the experiment
-    model: Path  # file of the model
+    experiment: Path  # path of the experiment
+    model: Path  # path of the model
     result: RunResult
     columns: Columns  # {column of the trace: values, one for each tick}
     # (time in s, element, state before, state after) for each change of state

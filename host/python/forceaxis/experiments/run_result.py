@@ -34,7 +34,7 @@ class Converter:
     signal: str  # name of the converted quantity in the model
     unit: str
     per_code: float  # change of the quantity per code, in `unit`
-    zero: int  # code for the quantity 0
+    zero: int  # code that stands for the quantity 0
     bits: int
 
     @property
@@ -151,7 +151,7 @@ class RunResult:
     refused: list[RefusedWrite]
     trace_hash: str
     # Smallest distance of a converted value from the edge between two codes, in LSB.
-    # None if no value was converted.
+    # The distance is None if no value was converted.
     edge_margin: float | None
     ticks: int  # number of ticks of the run
     events: int  # number of state changes of elements

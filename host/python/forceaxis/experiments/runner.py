@@ -25,7 +25,7 @@ from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.results import to_json
 
 Identity: TypeAlias = dict[str, str]  # {name of a hash: hash}
-Jobs: TypeAlias = Sequence[list[str]]  # overrides of each run
+Jobs: TypeAlias = Sequence[list[str]]  # overrides of each run, as texts NAME=VALUE
 JournalLine: TypeAlias = dict[str, Any]  # JSON object in a line of the journal
 # Function that receives (number of a finished run, result of _core.run_many).
 Finished: TypeAlias = Callable[[int, "_core.RunOutcome"], None]

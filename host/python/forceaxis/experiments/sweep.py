@@ -171,7 +171,7 @@ def sweep(
     outcomes: list[PointOutcome] = []
     found: list[Boundary] = []
     closer: dict[Point, PointOutcome] = {}
-    single: list[int] = []  # indices of isolated points
+    single: list[int] = []  # indices of isolated points of the grid
     started = time.monotonic()
     site = RunSite(out, threads, scheduler)
     with runner_at(site, experiment, overrides, identity, PointOutcome, outcome_of) as runner:
@@ -267,7 +267,7 @@ def write(done: Sweep, out: Path) -> None:
 
     drawn = sweep_plots.sweep(done)
     if not done.closer:
-        (out / "closer.csv").unlink(missing_ok=True)  # file of an earlier sweep
+        (out / "closer.csv").unlink(missing_ok=True)  # closer.csv of an earlier sweep
     names = [*FILES, "closer.csv"] if done.closer else FILES
     with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
         write_table(table, done.columns)

@@ -14,7 +14,7 @@ from forceaxis.experiments.run_result import Columns, Converters
 from forceaxis.experiments.verdicts import STABLE
 from forceaxis.results import JsonObject, json_field, to_json
 
-Row: TypeAlias = dict[str, float]  # {swept parameter: value}
+Row: TypeAlias = dict[str, float]  # values of one point: {swept parameter: value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Boundary:
     row: Row
     stable: float = math.nan  # last value at which the run is stable
     unstable: float = math.nan  # nearest value beyond the boundary at which the run is not stable
-    beyond: str = ""  # verdict at `unstable`
+    beyond: str = ""  # verdict of the run at `unstable`
     note: str = ""  # reason why there is no boundary
     error: str = ""  # error of the last failed run
     runs: int = 0

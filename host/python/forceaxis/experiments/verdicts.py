@@ -4,8 +4,8 @@ STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
-# Pages and plots mark a stable run so if its force error exceeds HELD_ERROR_MAX_PERCENT.
-# This applies only to experiments whose [verdict] has no limit of the force error.
+# Mark of a stable run whose error of the controlled force exceeds HELD_ERROR_MAX_PERCENT.
+# Runs of experiments whose [verdict] limits the force error do not get this mark.
 NOT_HELD = "not_held"
 HELD_ERROR_MAX_PERCENT = 25.0
 

@@ -75,7 +75,7 @@ class Variable(UnitVariable):
 class About:
     """The facts about a whole unit that modelDescription.xml states."""
 
-    name: str  # name of the model
+    name: str  # name of the model of the unit
     description: str
     token: str  # text that identifies the files of one unit
 

@@ -19,7 +19,8 @@ from forceaxis.fmu.description import About, Variable, Version
 from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
-LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}  # other machines: MACHINE-linux
+# {version of FMI: {machine: folder}}; other machines: MACHINE-linux
+LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}
 # Objects of these parts are variables of a unit. All other objects concern buses and boards.
 PARTS = ("axis", "law", "recorder", "drive")
 NODE_ID = 1  # node id of the firmware in a unit, which is on no bus

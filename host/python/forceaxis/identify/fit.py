@@ -57,8 +57,8 @@ class ParameterFit:
     covariance: Reals
     #: sum of the fit; for a correct model, its chi-square distribution has `dof` degrees of freedom
     chi_square: float
-    dof: int  #: 2 n - p
-    points: int  #: n
+    dof: int  #: degrees of freedom of chi-square, 2 n - p
+    points: int  #: number n of frequencies
     converged: bool  #: False if the search has ended before it found the smallest chi-square
     warnings: tuple[str, ...] = ()
 

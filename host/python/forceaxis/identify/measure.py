@@ -55,7 +55,7 @@ class ExcitedPlant:
         self.columns = [setup.input, setup.output]
         # number of ADC codes at an end of the range, and number of all ADC codes
         self.at_end = self.converted = 0
-        self.met: Counter[str] = Counter()  # {"element: state": number of samples}
+        self.met: Counter[str] = Counter()  # {"element: state": number of samples in this state}
         try:
             model = str(linear.find_model(setup.model))
             self.plant = _core.Excited(model, dict(overrides), setup.seed, parts, setup.clamped)
@@ -96,7 +96,7 @@ class ExcitedPlant:
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
             # The amplitude is random, because the rounding error depends on it.
-            # The rounding error of a constant amplitude would not increase the variance.
+            # With a constant amplitude, the rounding error would not increase the variance.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -292,7 +292,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     parts = 1
     if setup.inject == "volts":
         # The shortest period has at least ten samples.
-        # The zero-order hold then shifts the phase by at most 18 degrees.
+        # The zero-order hold shifts the phase of ten samples per period by at most 18 degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
@@ -350,7 +350,7 @@ def settling_of(
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
     # The plant with changed parameters may settle later than the nominal plant.
-    # If it is unstable, the excitation reports an error.
+    # If the changed plant is unstable, the excitation reports an error.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),

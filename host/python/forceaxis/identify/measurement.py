@@ -27,7 +27,7 @@ FLAT_SPREAD = 0.1
 class Comparison:
     """Test whether the response of a model agrees with a measured response."""
 
-    points: int  # number of frequencies
+    points: int  # number of compared frequencies
     coherent: int  # number of coherent points, with a coherence above 0.9
     # share of the coherent points in the 95 % band; None if no point is coherent
     inside: float | None
@@ -68,7 +68,7 @@ class Readings:
     """Characteristic values of a measured response, from Measurement.readings()."""
 
     low_gain: float  #: magnitude at the lowest frequency, in the unit of the response
-    low_hz: float  #: the lowest frequency
+    low_hz: float  #: the lowest frequency in Hz
     plateau: bool  #: True if the magnitude is constant in the first octave
     #: frequency at which the magnitude is 3 dB below `low_gain`; None if `plateau` is False
     corner_hz: float | None
@@ -117,7 +117,7 @@ class Measurement:
     #: window function: "none" or "hann"; with "hann", neighbouring frequencies mix
     window: str = "none"
     resolution_hz: float = 0.0  #: distance between spectral lines in Hz, 1 / length of a recording
-    band_hz: tuple[float, float] = (0.0, math.inf)  #: excited frequencies
+    band_hz: tuple[float, float] = (0.0, math.inf)  #: lowest and highest excited frequency in Hz
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range
     #: {element: {state: share of the measured time}} of elements that switch, such as contacts
     states: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -126,13 +126,13 @@ class Measurement:
     #: relative decrease of H1 due to the converter's noise in the input
     input_bias: float = 0.0
     #: period and delay of the encoder's positions in samples, if a bus transmits them.
-    #: The input is then the command that the drive applies, and not the DAC code of the firmware.
+    #: If a bus transmits them, the input is the command that the drive applies.
     positions: tuple[int, int] = (1, 0)
     #: mean age of a force reading in samples, and width of the range of ages.
-    #: They apply to a sensor with a clock of its own.
+    #: The age of readings matters for a sensor with a clock of its own.
     ages: tuple[float, float] = (0.0, 0.0)
     #: order of the sinc filter of that sensor's converter, 0 without a filter.
-    #: The period of its samples is the width of the range of ages.
+    #: The period of the samples of this sensor is the width of the range of ages.
     sinc_order: int = 0
 
     def predict(
@@ -181,7 +181,7 @@ class Measurement:
         """Returns the response of a position that arrives late and once in a period. Aliases are
         not included, because the axis moves too little above half the rate of the period."""
         period, late = self.positions
-        back = np.exp(-2j * np.pi * frequency * self.dt)  # 1/z
+        back = np.exp(-2j * np.pi * frequency * self.dt)  # shift by one sample, 1/z
         return np.asarray((back[:, None] ** (late + np.arange(period))).mean(1))
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
@@ -238,7 +238,7 @@ class Measurement:
             part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
         # Noise around 0 or 180 degrees is not a crossing.
-        # A crossing needs points at a clear distance from 0 or 180 degrees.
+        # A crossing of the phase needs points at a clear distance from 0 or 180 degrees.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
         a, f = self.response.imag[clear], frequency[clear]
         crossings: list[PhaseCrossing] = []

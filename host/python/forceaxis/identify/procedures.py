@@ -314,7 +314,7 @@ def noise_of(
     # The four fitted parameters of the vibration reduce the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise causes errors of the amplitude that the residuals do not contain.
-    # Twice the variance of rounding, step^2 / 12, covers these errors.
+    # Twice the variance of rounding, step^2 / 12, covers these errors of the amplitude.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
     return white, local, rounding, local > WARNED_NOISE_RATIO * white and len(near) > 4
@@ -332,9 +332,9 @@ def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
 class ModeParameters:
     """Mass, stiffness and damping of one mode."""
 
-    mass: Estimate  #: kg
-    stiffness: Estimate  #: N/m
-    damping: Estimate  #: N s/m
+    mass: Estimate  #: mass of the mode in kg
+    stiffness: Estimate  #: stiffness of the mode in N/m
+    damping: Estimate  #: damping of the mode in N s/m
 
 
 def mode_parameters(

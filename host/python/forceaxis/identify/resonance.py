@@ -65,7 +65,7 @@ class Fit:
     rms_db: float  #: rms error of the magnitude in dB
     max_db: float  #: largest error of the magnitude in dB
     #: rms error of the phase in degrees, or None if the responses are not complex.
-    #: The error is small if the data belong to a minimum-phase system.
+    #: The error of the phase is small if the data belong to a minimum-phase system.
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
@@ -181,7 +181,7 @@ def _extremes(
 
     def at_top(i: int, values: Reals) -> float:
         # The extreme value is at the vertex of the parabola through three points.
-        # The parabola is over the logarithm of the frequency.
+        # The parabola through these points is over the logarithm of the frequency.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]

@@ -12,7 +12,7 @@ from forceaxis import paths, toml
 from forceaxis._core import InputError
 from forceaxis.toml import TomlValue
 
-CODES = ("adc0", "adc1", "encoder", "dac_code")  # signals of the firmware
+CODES = ("adc0", "adc1", "encoder", "dac_code")  # names of the converter codes of the firmware
 
 SetupTable: TypeAlias = Mapping[
     str, Any
@@ -42,8 +42,8 @@ class Setup:
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency of the response
     resolution_hz: float = 0.0  #: distance between spectral lines; 0 selects the lowest frequency
     #: Level of the excitation. With "volts", it is the rms in V for noise, else the amplitude in V.
-    #: With "codes", it is in DAC codes. The amplitude of a sine is then random from half of it on.
-    #: The level 0 selects 0.1 V or 20 codes.
+    #: With "codes", the level is in DAC codes. A sine then has a random amplitude from half of it.
+    #: The level 0 of the excitation selects 0.1 V or 20 codes.
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or in DAC codes
     averages: int = 16  #: number of realisations, or of segments that overlap by half

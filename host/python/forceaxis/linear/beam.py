@@ -200,7 +200,7 @@ class Beam:
         # The functions are those of thesis 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
         # Here p^2 = rho A s^2 / (E I), and D = 4 E I b^3 (sinh X cosh X + sin X cos X).
         # V_act / F_a = s (cosh^2 X + cos^2 X) / D, and V_tip / F_a = s 2 cosh X cos X / D.
-        # Both functions are even in p, so p is chosen in the right half-plane.
+        # The functions of p are even, so p is chosen in the right half-plane.
         # Then |arg X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
         s = np.asarray(s, dtype=complex)
         stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)

@@ -15,7 +15,7 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
 # If the new part of a vector is smaller than this share of the vector, it is a rounding error.
-# The search for states that the input controls then ends.
+# The search for states that the input controls ends at such a vector.
 DIRECTION_SHARE_MIN = 1e-15
 
 

@@ -72,7 +72,7 @@ class Locus:
     ends: Array  # poles and zeros of the open loop in 1/s
     crossings: list[Crossing]  # all gains at which a closed-loop pole is on the stability boundary
     limit: Limit
-    unit: str  # unit of the gain
+    unit: str  # unit of the gain k
     codes: float | None  # force_gain in DAC codes per 8-bit count for k = 1
     span_hz: float
     at_gain: Roots  # closed-loop poles in 1/s at the marked gain
@@ -126,7 +126,7 @@ def locus(
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
     # A branch of the root locus crosses the edge of the plot at the gain 1 / |L|.
-    # Much larger gains are not drawn.
+    # Gains far above that at the edge of the plot are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(

@@ -165,7 +165,7 @@ def mechanics(
     root = np.sqrt(np.array([masses[name] for name in names]))
     # In the coordinates sqrt(m) x all matrices are symmetric.
     # Stuck frictions turn the equation into M x'' = P (force - K x) with a projection P.
-    # The modes of vibration lie within P.
+    # The modes of vibration lie within the range of the projection P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]

@@ -205,7 +205,7 @@ class Worst:
 
 
 # Function that analyses the force loops of plants, with some delays of the loop.
-# For each plant, the result is {delay: analysis}, with these delays or more.
+# For each plant, the result is {delay: analysis} with the requested delays or more.
 Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 

@@ -33,7 +33,7 @@ from forceaxis.linear.stability import (
 from forceaxis.linear.system import System
 
 # Step in degrees between two loops that a search analyses.
-# Two changes between stable and unstable within one step are not detected.
+# A search does not detect two changes between stable and unstable within one step.
 TURN_STEP_DEG = 3.0
 GAIN_SPAN = 1e4  # largest factor of the gain in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies

@@ -40,20 +40,20 @@ class Figures:
 
     stable: bool
     # Bandwidth of the sensitivity function S in Hz.
-    # None if |S| stays below -3 dB, 0 if |S| is above -3 dB at frequency 0.
+    # fS is None if |S| stays below -3 dB, and 0 if |S| is above -3 dB at frequency 0.
     fS_Hz: float | None = None
     # Bandwidth of the closed loop T in Hz.
-    # None if |T| stays above -3 dB, 0 if |T| is never above -3 dB.
+    # fT is None if |T| stays above -3 dB, and 0 if |T| is never above -3 dB.
     fT_Hz: float | None = None
     Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
     # Factor by which the gain can rise until a pole reaches the stability boundary.
-    # None if no such factor is known up to the factor `known_to`.
+    # The gain margin is None if no crossing is known up to the factor `known_to`.
     gain_margin: float | None = None
     # The phase margin with the smallest magnitude, in degrees. None if |L| is nowhere 1.
     phase_margin_deg: float | None = None
     sag: bool = False  # True if |T| is below -3 dB at a frequency below the bandwidth fS
     # Gain factor above which rounding errors hide crossings of the stability boundary.
-    # None if rounding errors hide no crossing.
+    # The factor is None if rounding errors hide no crossing.
     known_to: float | None = None
 
     def badness(self, name: str) -> float:

@@ -25,17 +25,17 @@ from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
 # Rounding of the matrix entries may change the gain of a reported crossing by this share.
-# A crossing of the stability boundary whose gain changes more is not reported.
+# A crossing of the stability boundary is not reported if rounding changes its gain more.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
 # A gain below this share of a loop's typical gain is too small for every useful law.
-# Below it, rounding decides whether a loop with two integrators is stable.
+# Below this gain, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
 SLOWEST_POLE_RAD_PER_S = 1e-3  # a slower pole is an integrator, within rounding errors
 # Gains, as shares of the typical gain, at which the result "no limit" is checked.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next gain of a search.
-# Two changes between stable and unstable within one step are not detected.
+# A search does not detect two changes between stable and unstable within one step.
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # number of gains that a search evaluates together
 ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show their effect
@@ -55,10 +55,10 @@ class Crossing:
 
     gain: float
     # Frequency of the crossing in Hz.
-    # None for a pole at infinity, which a continuous loop with a negative direct path may have.
+    # None means a pole at infinity, of a continuous loop with a negative direct path.
     frequency_hz: float | None
-    # Direction in which the pole moves as the gain rises. 1: it leaves the stable region.
-    # -1: it enters the stable region. 0: it only touches the stability boundary.
+    # Direction in which the pole moves as the gain rises.
+    # 1: the pole leaves the stable region. -1: it enters it. 0: it only touches the boundary.
     direction: int
 
 
@@ -132,7 +132,7 @@ class Loop:
     own_gain: float | None = None  # gain k of the loop's experiment
     working: Working = field(default_factory=lambda: Working({}))
     # Effects of a constant set-point on the states and on the feedback of a loop over a bus.
-    # None: the set-point acts as the error does.
+    # None means that the set-point acts on the loop as the error does.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
@@ -199,7 +199,7 @@ class Loop:
 
     # At a critical gain, L / k is real and negative on the stability boundary.
     # A sampled loop is transformed to w = (2/T) (z - 1)/(z + 1).
-    # This transformation moves the unit circle to the imaginary axis.
+    # The transformation to w moves the unit circle to the imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -647,7 +647,7 @@ class Loop:
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
         # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
-        # These zeros are the poles of a system with the positive feedback k^2 G(s) G(-s).
+        # The zeros of 1 - k^2 G(s) G(-s) are the poles of a system with this positive feedback.
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [

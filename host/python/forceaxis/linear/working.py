@@ -33,9 +33,9 @@ SLIDER = ".hysteresis"
 DAC_CODES = 2048  # number of DAC codes from 0 V to full scale
 SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
-States = Mapping[str, str]  # {element: state}
+States = Mapping[str, str]  # states of elements: {element: state}
 Stamp = tuple[int, int]  # version of a file: (time of the last change in ns, size in bytes)
-Used = tuple[tuple[str, float | str], ...]  # pairs (parameter, value)
+Used = tuple[tuple[str, float | str], ...]  # parameter values: ((parameter, value), ...)
 
 
 @dataclass(frozen=True)

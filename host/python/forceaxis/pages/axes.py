@@ -28,7 +28,7 @@ Picture = tuple[str, Markup]  # (caption, image)
 # Largest number of experiments for which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
 # Factors of the gain in the plot of verdicts over gain and set-point.
-# The next lines have the factors of the set-point and the longest run in ticks.
+# The next two constants are the factors of the set-point and the longest run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000

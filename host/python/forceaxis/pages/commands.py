@@ -3,8 +3,8 @@
 import re
 
 # {action that the library names between backticks: command that does this action}
-# The actions `axis...()` are methods of Axis.
-# The library itself does not know the command line.
+# An action such as `axis.stop()` is a method of the class Axis.
+# The library does not know the command line, so it names actions.
 ACTIONS = {
     "axis.reset_fault()": "axis reset",
     "axis.start()": "axis start",

@@ -39,7 +39,7 @@ class CsvDialect:
     separator: str
     decimal: str  # decimal sign: "." or ","
     first: int  # index of the first line that is a row of numbers
-    width: int  # number of columns
+    width: int  # number of columns of a row
 
     def cells(self, line: str) -> list[str]:
         """Returns the texts of the fields of a line in this dialect."""

@@ -80,8 +80,8 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     for end in (float(values.max()), float(values.min())):
         for a, b in _runs(values == end):
             steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
-            # A signal at rest at an end of its range, such as a force before a contact, only leaves
-            # it. So a stretch is a finding only if the signal both enters and leaves it.
+            # A stretch is a finding only if the signal both enters and leaves it.
+            # A signal at rest at an end of its range, such as a force before a contact, only leaves.
             inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
             if b - a >= SATURATED_SAMPLES and steep and inside:
                 yield SignalFinding(
@@ -95,7 +95,7 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     sensor causes such stretches."""
     lengths = _equal_runs(values)
     # Half of the samples are in runs of equal values that are at most this long.
-    # A position at rest is often constant, for example.
+    # Positions at rest are often constant, so the usual length of a constant stretch is needed.
     usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:

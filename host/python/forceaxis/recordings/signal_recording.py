@@ -41,7 +41,7 @@ SUFFIX = ".npz"
 #: {name of a signal with a fixed meaning: its unit}.
 #: A signal whose name ends in _command is what the machine's controller sent to the drive.
 #: A signal whose name ends in _setpoint is what the machine's controller had to reach.
-#: Signals with other names have no meaning for commands.
+#: A signal with another name is kept without a meaning for other commands.
 UNITS = {
     "force": "N",
     "position": "m",
@@ -67,7 +67,7 @@ INPUTS = (*COMMANDS, "force_setpoint")
 class SignalFinding:
     """A finding about one stretch of one signal, such as a gap or a jump."""
 
-    kind: str  #: "gap", "jump", "saturation" or "constant"
+    kind: str  #: kind of the finding: "gap", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch
     to_s: float  #: time of the last sample of the stretch
     samples: int  #: number of samples in the stretch; for a gap, of missing samples
@@ -87,8 +87,8 @@ class SignalHeader:
     column: str  #: name of the column in the source
     source_unit: str  #: unit of the column in the source
     factor: float  #: size of the source unit in `unit`, > 0
-    sign: int  #: 1 or -1
-    rate_hz: float  #: median rate of the samples
+    sign: int  #: sign of `values` relative to the source, 1 or -1
+    rate_hz: float  #: median rate of the samples in Hz
     delay_s: float = 0.0
     clock: str = "0"  #: name of the time base
     findings: tuple[SignalFinding, ...] = ()

@@ -15,13 +15,13 @@ from forceaxis.recordings.signal_recording import Floats
 
 LEAST_BEFORE = 8  # smallest number of samples before the first contact
 # A force above all of three levels is a contact.
-# They are multiples of the noise, of the largest force, and of the smallest step of the force.
+# The three levels are multiples of the noise, the largest force, and the smallest step.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
 # Two thresholds find the sample before the force rises.
-# The first threshold is a multiple of the standard deviation of the noise.
-# The second threshold is a share of the largest force.
-# The force first exceeds the second one. The last earlier sample below the first one is the result.
+# The first threshold for the rise of the force is a multiple of the noise.
+# The second threshold for the rise of the force is a share of the largest force.
+# The result is the last sample below the first threshold before the force exceeds the second one.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
 # the held force is the mean of this share of the signal, at its end

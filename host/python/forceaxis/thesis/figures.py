@@ -24,9 +24,9 @@ Source = Callable[[], Data]
 Options = Mapping[str, str | float | tuple[float, float]]
 
 # Inputs and outputs of the frequency responses.
-# VOLTAGE: from command voltage to measured force.
-# FORCE: from the force of a perfect actuator to measured force.
-# TACH: from command voltage to tachometer voltage.
+# VOLTAGE is the response from command voltage to measured force.
+# FORCE is the response from the force of a perfect actuator to measured force.
+# TACH is the response from command voltage to tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
@@ -45,7 +45,7 @@ class ThesisFigure:
     models."""
 
     figure: str  # number of the figure in the thesis
-    kind: str  # a key of DRAWINGS
+    kind: str  # kind of the plot, a key of DRAWINGS
     title: str
     see: str  # text about what the reader sees in the plot
     data: Source  # function that computes the data of the plot

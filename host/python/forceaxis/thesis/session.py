@@ -257,7 +257,7 @@ def machine(
 def _end_with_us() -> None:
     """Asks the kernel to send SIGTERM to this process when its parent process ends. Call this
     function in a new process."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 is PR_SET_PDEATHSIG
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 means PR_SET_PDEATHSIG
 
 
 def _output(name: str, process: subprocess.Popen[str]) -> str:

@@ -104,7 +104,7 @@ class TablesResult:
     cells: list[CellResult]
     matched: int  # number of cells whose simulated verdict equals the measured verdict
     total: int
-    fitted: dict[str, float]  # {fitted constant: value}
+    fitted: dict[str, float]  # values of the fitted constants: {constant: value}
     overridden: list[str]  # names of parameters printed in the thesis that a run has changed
 
 
