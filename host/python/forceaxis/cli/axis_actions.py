@@ -59,7 +59,7 @@ def calibrate(connection: AxisConnection, given: Sequence[str], as_json: bool) -
 
     The result is the slope of a straight line through these points, with its linearity error. The
     axis is disabled during the calibration. Without --point, type the force that the reference
-    shows; the command then reads the sensor. An empty line ends the input. `axis params store`
+    shows. The command then reads the sensor. An empty line ends the input. `axis params store`
     keeps the result over a power cut.
     """
     from forceaxis.axis import actions

@@ -40,7 +40,7 @@ def params() -> None:
     store the parameters in the axis, or delete the stored parameters.
 
     A parameter is an object that the axis can store. A file never contains node id and bit rate.
-    Tare and calibration points belong to one sensor; they are loaded and compared only with
+    Tare and calibration points belong to one sensor. They are loaded and compared only with
     --measured.
     """
 
@@ -58,8 +58,8 @@ def dump(connection: AxisConnection, file: Path | None, everything: bool, as_jso
     these parameters if FILE is missing.
 
     FILE also contains type, scale, unit and range of each value, so that a later version can name
-    what it cannot load. Over Modbus it has only the objects with a register; through a gateway it
-    lacks the TPDOs and heartbeats that the gateway sets up. The key `without` names what is
+    what it cannot load. Over Modbus, FILE has only the objects with a register. Through a gateway,
+    FILE lacks the TPDOs and heartbeats that the gateway sets up. The key `without` names what is
     missing. --json prints {"file", "parameters": {name: value}}.
     """
     from forceaxis.axis import parameter_set
@@ -130,10 +130,10 @@ def load(
     """Write the values of FILE to the parameters of a disabled axis. If one value cannot be
     written, none of the parameters changes.
 
-    FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
-    contain get their defaults; with a bank nothing else changes. If the object table of the axis
-    does not match a value, the command names it and writes nothing. If the axis refuses a value,
-    all earlier values are written back. The values are active at once; `params store` keeps them
+    FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that are not in
+    FILE get their defaults. With a bank, nothing else changes. If a value does not match the object
+    table of the axis, the command names the value and writes nothing. If the axis refuses a value,
+    all earlier values are written back. The values are active at once. `params store` keeps them
     over a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}],
     "unchanged": n, "bank": {...}, "managed": [names that the gateway sets itself and that are left
     out]}.

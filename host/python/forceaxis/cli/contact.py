@@ -154,17 +154,17 @@ def contact(
 
     RECORDING is a file of `forceaxis recording import` with the force and, if they were recorded,
     the command and the position. It begins out of contact. After at least 0.5 s out of contact, a
-    further contact gets a place of its own. The plant of MODEL is fed the recorded command, so any
-    controller may have made the recording.
+    further contact is fitted with a position of its own. The plant of MODEL is fed with the
+    recorded command, so any controller may have made the recording.
 
     The result is a posterior: samples of plants that explain all recordings and what was known
     before. `loop limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take
-    out/posterior.json in place of a range of --over. A parameter whose deviation is more than a
-    third of that of its prior is named as not told. A p value says whether the model explains the
-    recordings; below 0.05 the command names the stretches that do not fit, and ranks elements that
-    the model may lack. Below 0.001 the model is rejected. If it is rejected, or the chains of the
-    sampler do not agree in time, no posterior.json is written, one of an earlier call is removed,
-    and the exit status is 1.
+    out/posterior.json in place of a range of --over. The command names parameters that the
+    recordings do not determine: their standard deviation is more than a third of that of their
+    prior. A p value says whether the model explains the recordings. Below 0.05, the command names
+    the parts of the recordings that do not fit, and ranks elements that the model may lack. Below
+    0.001 the model is rejected. If it is rejected, or the chains of the sampler do not agree in
+    time, no posterior.json is written, one of an earlier call is removed, and the exit status is 1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit

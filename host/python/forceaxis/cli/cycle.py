@@ -204,8 +204,8 @@ def rates(
 
     --propose sets the bounds least and most of the elements. The given share of good parts is then
     refused by the whole program, not by each element. Windows and envelopes stay as they are. The
-    share of later parts that is refused varies from one proposal to the next; the command prints
-    the range. Check the new program with another seed. With b bounds and a share s, at least b / s
+    share of later parts that is refused varies from one proposal to the next. The command prints
+    its range. Check the new program with another seed. With b bounds and a share s, at least b / s
     - 1 good parts are needed, and never fewer than 299. The file of -o is the program with new
     bounds and all its comments.
     """
@@ -250,9 +250,9 @@ def load(connection: AxisConnection, experiment: Path, program: Path | None, as_
 
     The axis has to be disabled, and it has to have the scales of the experiment: adc_bits,
     force_sign, rated_force, and force_scale within 1 %. The axis checks the whole program before it
-    takes it; a program that it refuses changes nothing. A program with the same number is replaced.
-    The axis stores its programs, so they survive a power cut; a board without memory for them keeps
-    them until its next power-up.
+    accepts the program. A refused program changes nothing. A program with the same number is
+    replaced. The axis stores its programs, so they survive a power cut. A board without memory for
+    programs keeps them until its next power-up.
     """
     from forceaxis.cli import cycle_text
     from forceaxis.cycles import live as cycles

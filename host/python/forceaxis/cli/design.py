@@ -165,12 +165,12 @@ def design(
     --force) and two speeds, impacts, and random plants of the set, with dry friction from none to
     twice that of MODEL. After a first contact the force error has to be at most 2 % and the peak at
     most 1.3 set-points, and contact may be lost once more than with a weak law. The gain is reduced
-    until every case is stable; each reduction is printed with its case and the limit.
+    until every simulated case is stable. Each reduction is printed with its case and the limit.
 
-    fS is the lowest frequency at which |S| reaches -3 dB, for the worst plant. With --measured the
-    parameters of MODEL are fitted to the responses, and the set is widened by their confidence
-    intervals; measured dry friction becomes a damper in that fit. If the fit is rejected, the exit
-    status is 1.
+    fS is the lowest frequency at which |S| reaches -3 dB, for the worst plant. With --measured, the
+    parameters of MODEL are fitted to the responses, and the set of plants is widened by their
+    confidence intervals. Measured dry friction becomes a damper in that fit. If the fit is
+    rejected, the exit status is 1.
 
     --out writes contact.toml (an experiment, beside a copy of EXPERIMENT), bank.toml (the objects
     of the bank with its certificate, for `axis params load`) and index.html.

@@ -84,8 +84,8 @@ def run(
     `unstable` means that the force oscillates, that contact is lost again and again, or that a
     fault is latched. `not_met` means that a limit of [verdict] is not kept, or that the measured
     force or the output is at an end of its range. The exit status is 0 for every verdict. With
-    --link the firmware is a separate process; the exit status is 1 if the two processes compute
-    different trace hashes or one of them does not answer.
+    --link, the firmware is a separate process. The exit status is then 1 if the two processes
+    compute different trace hashes, or if one of them does not answer.
     """
     over = link_of(kind, lcm_url, link_can, inject)
     if record:
@@ -215,12 +215,12 @@ def sweep(
     """Run one experiment many times with different values of parameters, and show for which
     parameter values the run is stable.
 
-    NAME is a parameter of the model or an object of the firmware, as in `forceaxis run --set`.
-    The journal in the folder of --out keeps every finished run. After an interruption, or with more
+    NAME is a parameter of the model or an object of the firmware, as in `forceaxis run --set`. The
+    journal in the folder of --out keeps every finished run. After an interruption, or with more
     points, the same command runs only the missing points. A failed run becomes a row with its
-    error; the exit status is 1 only if all runs fail. --bisect gives a stability boundary: the last
-    stable and the first unstable value. It assumes one change of the verdict between FROM and TO;
-    if both ends have the same verdict, the row says so. The plot marks a point whose verdict
+    error. The exit status is 1 only if all runs fail. --bisect gives a stability boundary: the last
+    stable and the first unstable value. It assumes one change of the verdict between FROM and TO.
+    If both ends have the same verdict, the row says so. The plot marks a point whose verdict
     differs from that of all its neighbours.
     """
     from forceaxis.cli import sweep_text
@@ -307,7 +307,7 @@ def test(
     --update replaces values that differ and fills a table [expect] that is empty or has only the
     verdict. It changes neither limits nor the rest of the file.
 
-    The exit status is 1 if a test fails and 2 if a file is wrong; all other tests still run.
+    The exit status is 1 if a test fails, and 2 if a file is wrong. All other tests still run.
     """
     from forceaxis.experiments import regression
 

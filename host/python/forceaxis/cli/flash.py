@@ -125,7 +125,7 @@ def flash_(
     and an update for another board, object table or slot, is refused before anything is erased,
     with exit status 2. An image that hangs, or is not confirmed, is taken back: after at most four
     restarts the axis runs its previous image, and the exit status is 1. Parameters and incidents
-    are kept. Several axes are updated one after the other; the command stops at the first one that
+    are kept. Several axes are updated one after the other. The command stops at the first one that
     fails.
 
     With a debug probe the program openocd writes the image. The command prints the contents of the

@@ -398,7 +398,7 @@ def resonances(
     (procedure of thesis section 4.2).
 
     MODEL is a rigid body out of contact (fig4_11), whose response the resonances multiply. RESPONSE
-    is the folder of `forceaxis measure --out`. Only the magnitude is fitted; the phase matches too
+    is the folder of `forceaxis measure --out`. Only the magnitude is fitted. The phase matches too
     if the system has minimum phase. JSON: resonances (peak_hz, peak_damping, trough_hz and
     trough_damping or null), rms_db, max_db, phase_error_deg, and zeros, poles (1/s) of the cascade.
     """

@@ -294,7 +294,7 @@ def live_in_mm(command: LiveVerb[P]) -> Verb:
 @contextlib.contextmanager
 def connected(connection: AxisConnection) -> Iterator[Axis]:
     """Connect to an axis for a `with` block. Ctrl-C in the block ends the program with exit status
-    130; the signal SIGTERM ends the program with exit status 143."""
+    130. The signal SIGTERM ends it with exit status 143."""
     from forceaxis.axis.axis import Axis
 
     axis: Axis | None = None

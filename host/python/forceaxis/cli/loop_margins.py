@@ -50,15 +50,16 @@ def limit(
     """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the force
     loop becomes unstable.
 
-    With an EXPERIMENT (a path or a name in sim/experiments) the command takes the control law or
-    the quantised bank, the gain and the latency of its firmware; options take precedence. The loop
-    is linear: the equations of the model in one mode, in contact. The command prints every gain at
-    which a closed-loop pole crosses the stability boundary, and the largest setting of the firmware
-    below the first of these gains. If a gain is given, it also prints the margins and the bandwidth
-    at that gain. A further line appears if the law then rounds the command to 0 for every force
-    that the sensor measures. JSON: critical_gain in `unit` (null: stable for all gains, or up to
-    known_to, above which rounding errors dominate; 0: unstable for every gain, see reason),
-    frequency_hz, crossings (those at gain 0 are undamped poles of the plant), and `at`.
+    With an EXPERIMENT (a path or a name in sim/experiments) the command uses the control law or the
+    quantised bank, the gain and the latency of its firmware. Options take precedence. The loop is
+    linear: it has the equations of the model in contact, in one combination of states of its
+    elements. The command prints every gain at which a closed-loop pole crosses the stability
+    boundary, and the largest setting of the firmware below the first of these gains. If a gain is
+    given, it also prints the margins and the bandwidth at that gain. A further line appears if the
+    law then rounds the command to 0 for every force that the sensor measures. JSON: critical_gain
+    in `unit` (null: stable for all gains, or up to known_to, above which rounding errors dominate;
+    0: unstable for every gain, see reason), frequency_hz, crossings (those at gain 0 are undamped
+    poles of the plant), and `at`.
 
     With --over, --modes or --timing both, the command analyses a set of plants. It prints the
     largest gain at which all of them are stable, the plant that limits it (`member`), and at the
@@ -105,10 +106,10 @@ def rlocus(
     """Draw the root locus of the force loop of MODEL|EXPERIMENT: the closed-loop poles over the
     gain, with the critical gain.
 
-    The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
-    poles of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of
-    `forceaxis loop limit`. A gain in --law, or the gain of an experiment, marks the poles at
-    that gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
+    The plot shows the upper half-plane in Hz, with x for open-loop poles and o for zeros. The poles
+    of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of `forceaxis
+    loop limit`. A gain in --law, or the gain of an experiment, marks the poles at that gain. JSON:
+    loci, each with gains, branches, poles, zeros in 1/s, crossings.
     """
     from forceaxis.cli.text_loops import describe_loci
     from forceaxis.linear import locus

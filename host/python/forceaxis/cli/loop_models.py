@@ -203,12 +203,12 @@ def bode(
     """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of the force loop of
     MODEL|EXPERIMENT.
 
-    The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
-    the plant; for the others it is that of the experiment, else zoh. JSON: curves, each with
-    output, unit, frequency_hz, magnitude, phase_deg; if the input is drive.command, also loop, as
-    `forceaxis loop limit`, with the margins at the gain under "at". For a set of plants: the worst
-    values under "at", the nominal curve first. With --measured: "measured", each with the points,
-    their 95 % radius, coherence, and whether MODEL matches.
+    The phase is unwrapped from 0 at the lowest frequency. The default of --timing is continuous for
+    the plant. For the force loop, it is that of the experiment, or else zoh. JSON: curves, each
+    with output, unit, frequency_hz, magnitude, phase_deg; if the input is drive.command, also loop,
+    as `forceaxis loop limit`, with the margins at the gain under "at". For a set of plants: the
+    worst values under "at", the nominal curve first. With --measured: "measured", each with the
+    points, their 95 % radius, coherence, and whether MODEL matches.
     """
     from forceaxis.cli import text_models
     from forceaxis.cli.text_loops import describe_curves_of_set

@@ -113,9 +113,9 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     describe the objects for other programs.
 
     The list has name, CANopen index:sub-index and Modbus register (h holding, i input) in
-    hexadecimal, access, meaning and range. PATTERN selects objects by a part of their name; the
-    full name of an object prints all its properties. `--set firmware.NAME` and the table [firmware]
-    of an experiment accept these names.
+    hexadecimal, access, meaning and range. PATTERN selects objects by a part of their name. With
+    the full name of an object, the command prints all its properties. `--set firmware.NAME` and the
+    table [firmware] of an experiment accept these names.
 
     A value is a number in the unit of the object, or a quantity that the model converts to it:
     "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m", with the prefixes n u m c k M."""

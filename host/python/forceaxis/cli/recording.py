@@ -29,9 +29,9 @@ def recording() -> None:
     replay recorded files.
 
     A recording of signals (.npz) is imported for `forceaxis compare` and `forceaxis identify
-    contact`. A log has LCM messages: an LCM log or an MCAP file, from `forceaxis monitor --record`,
-    `forceaxis run --record` or lcm-logger; it may have further channels. A journal has every input
-    of a run of axis_node.
+    contact`. A log has LCM messages, and may have further channels. It is an LCM log or an MCAP
+    file from `forceaxis monitor --record`, `forceaxis run --record` or lcm-logger. A journal has
+    every input of a run of axis_node.
     """
 
 
@@ -117,7 +117,7 @@ def info(file: Path, as_json: bool) -> None:
     For a recording of signals: where they come from, and their gaps, jumps, saturation and constant
     stretches. For a log of LCM messages: the time span, and for each channel the type of the
     messages, their number, their rate per second and the number of lost messages. A log that is
-    damaged or incomplete is read as far as possible; one line names what was skipped.
+    damaged or incomplete is read as far as possible. One line names what was skipped.
     """
     if file.suffix == ".npz" or signal_recording.is_recording(file):
         found = signal_recording.read(file)

@@ -37,8 +37,8 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
     """Write the LCM messages of a log (states, events, commands, captures, clock, plant signals) as
     tables in CSV and NPZ files.
 
-    Each channel becomes one table with the name of the channel; each capture becomes a table, as
-    AXIS_1_CAPTURE_1. The unit is part of a column's name: force_cnt_q8 is in 1/256 count,
+    Each channel becomes one table with the name of the channel. Each capture becomes a table too,
+    such as AXIS_1_CAPTURE_1. The unit is part of a column's name: force_cnt_q8 is in 1/256 count,
     force_count in counts, time_s in s. A missing value is an empty field in CSV and nan in NPZ.
     """
     from forceaxis.bus import log_tables
@@ -91,10 +91,10 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
     """Repeat an earlier run of the program axis_node (the firmware on this computer) from the
     journal of the run, and check that all DAC codes are the same.
 
-    The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
-    node was killed, its journal has no hash: the recorded part is replayed and the exit status is
-    1. An incident of `forceaxis axis incident` does not contain all inputs; the command names those
-    that are missing.
+    The replay has to give the trace hash of the journal. Otherwise the exit status is 1. If the
+    node was killed, its journal has no hash. The recorded part is then replayed, and the exit
+    status is 1. An incident of `forceaxis axis incident` does not contain all inputs; the command
+    names those that are missing.
     """
     from forceaxis.commission import incident
 

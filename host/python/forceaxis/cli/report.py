@@ -28,10 +28,10 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     """Run every experiment in FOLDER, and write one HTML page about the axis with gains, margins,
     verdicts and plots of the signals.
 
-    For each model the page shows the recommended P gain and the margins of each designed bank, for
-    each experiment the verdict, the controlled force and the traces. Without FOLDER the command
-    runs the experiments and tables of the thesis. The exit status is 1 if an experiment could not
-    be run; the page then shows the others.
+    For each model, the page shows the recommended P gain and the margins of each designed bank. For
+    each experiment, it shows the verdict, the controlled force and the traces. Without FOLDER the
+    command runs the experiments and tables of the thesis. The exit status is 1 if an experiment
+    could not be run. The page then shows the others.
     """
     from forceaxis.pages import report as page
 

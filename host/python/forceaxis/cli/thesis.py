@@ -106,9 +106,9 @@ def session(out: Path, as_json: bool) -> None:
 
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
     f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
-    are separate processes. The command writes session.png, session.svg and axis.journal;
-    `forceaxis recording replay` of the journal gives the same trace hash. If the kernel has no CAN,
-    the session runs in a guest kernel (tools/vcan).
+    are separate processes. The command writes session.png, session.svg and axis.journal. `forceaxis
+    recording replay` of the journal gives the same trace hash. If the kernel has no CAN, the
+    session runs in a guest kernel (tools/vcan).
     """
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
@@ -201,10 +201,11 @@ def beam(modes: int, as_json: bool, **given: float) -> None:
     """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
     if a few modes of vibration approximate the beam.
 
-    The beam slides at the actuator; its tip is free. The command prints the undamped poles and
-    zeros and the error of an approximation by the first n modes, for the first four modes. JSON:
-    modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
-    tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
+    The beam slides at the actuator, and its tip is free. The command prints the undamped poles and
+    zeros of the first --modes modes. It also prints the error of an approximation by the first n
+    modes, up to the fourth mode. JSON: modes, each with b l, pole_rad_per_s,
+    actuator_zero_rad_per_s (imaginary pairs) and tip_zero_per_s (a real pair); approximation_errors
+    for n = 4 to 40.
     """
     from forceaxis.cli import text_models
     from forceaxis.linear import beam as bending

@@ -94,9 +94,9 @@ def tune(
     certificate), verify (first contacts and responses with the bank, Ms compared with its
     prediction), store.
 
-    The folder --out keeps the results of each step: after an interruption the same command
-    continues. After a kill it first resets the fault of the axis and restores the parameters. A
-    step that refuses prints its reason; the exit status is then 1, and the axis is disabled with
+    The folder --out keeps the results of each step. After an interruption, the same command
+    continues. After a kill, it first resets the fault of the axis and restores the parameters. A
+    step that refuses prints its reason. The exit status is then 1, and the axis is disabled with
     its earlier parameters. Objects that were never set on the axis (position_gain, force_scale,
     approach_velocity_max, contact_force) are taken from MODEL and written with the bank. The
     approach is made slower if its impact would be too hard. Nothing else changes.

@@ -81,7 +81,7 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
         for a, b in _runs(values == end):
             steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
             # A stretch is a finding only if the signal both enters and leaves it.
-            # A signal at rest at an end of its range, such as a force before a contact, only leaves.
+            # A signal that is at rest at an end of its range only leaves it.
             inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
             if b - a >= SATURATED_SAMPLES and steep and inside:
                 yield SignalFinding(
