@@ -54,10 +54,11 @@ def health(
     """Compare a measurement of TODAY with the measurement at the release of the axis, and name the
     parameter that has changed.
 
-    TODAY is one or more recordings of first contacts (`forceaxis recording import`) beside a
-    posterior, or a folder of `forceaxis measure` beside such a folder, measured with the same
-    options. MODEL says which parameters can have moved. A change below 1 % counts as none. The exit
-    status is 0 for a healthy axis and 1 for drift, for cron and CI.
+    If the release has a posterior, TODAY is one or more recordings of first contacts (`forceaxis
+    recording import`). If the release has a folder of `forceaxis measure`, TODAY is such a folder
+    that was measured with the same options. MODEL defines which parameters can have changed. A
+    change below 1 % counts as none. The exit status is 0 for a healthy axis and 1 for drift, so
+    cron and CI can use it.
     """
     from forceaxis import linear
     from forceaxis.commission import health as comparing

@@ -73,7 +73,7 @@ class RecordingComparison:
     agrees: bool  # True if all figures are within their bands
     input: str  # signal of the recording that feeds the runs, or "law"
     touch_s: float  # time of the first contact in the recording, in s
-    gap_m: float | None  # gap of the model in m with which a run makes contact at this time
+    gap_m: float | None  # gap of the model in m with which a run makes contact at touch_s
     # mean of the measured force in N before the first contact; it is subtracted from all forces
     zero_N: float
     noise_N: float  # standard deviation in N of the noise of the measured force

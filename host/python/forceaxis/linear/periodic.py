@@ -75,7 +75,8 @@ class PeriodicLoop(Loop):
     signal."""
 
     def closed(self, gain: float) -> System:
-        """See Loop.closed(). The set-point is constant over a period."""
+        """Returns the closed loop, as Loop.closed() does. The set-point is constant over a
+        period."""
         whole, codes = self.whole, self.whole.B.shape[1]
         B, C, D = whole.B, whole.C[:codes], whole.D[:codes]
         assert self.entry is not None
@@ -124,11 +125,11 @@ class PeriodicLoop(Loop):
         return abs(self._outermost(gain))
 
     def stable(self, gain: float) -> bool:
-        """See Loop.stable()."""
+        """Returns True if the closed loop is stable, as Loop.stable() does."""
         return self._radius(gain) < STABLE_BELOW
 
     def decay(self, gain: float) -> float:
-        """See Loop.decay()."""
+        """Returns the decay rate of the slowest pole, as Loop.decay() does."""
         assert self.dt is not None
         return -math.log(max(self._radius(gain), 1e-300)) / self.dt
 
@@ -154,7 +155,7 @@ class PeriodicLoop(Loop):
         return result
 
     def _growths(self, gains: Matrix) -> Matrix:
-        """See Loop._growths(). This function uses double precision, which is faster."""
+        """Returns the growths as Loop._growths() does, but in double precision, which is faster."""
         poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
         found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
         return found
@@ -164,7 +165,7 @@ class PeriodicLoop(Loop):
         return self._of_poles()
 
     def margins(self, gain: float) -> Margins:
-        """See Loop.margins()."""
+        """Returns the gain margins and phase margins, as Loop.margins() does."""
         above = self._toward(gain, GAIN_STEP_FACTOR)
         below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
         turn = self._phase_margin(gain)
@@ -299,19 +300,19 @@ class FreeLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """See Loop.open. The phase is that with the oldest readings."""
+        """The loop gain divided by k, as Loop.open. The phase is that with the oldest readings."""
         return self._oldest.open
 
     def closed(self, gain: float) -> System:
-        """See Loop.closed(). The phase is that with the oldest readings."""
+        """Returns the closed loop of the phase with the oldest readings."""
         return self._oldest.closed(gain)
 
     def sensitivity(self, gain: float) -> System:
-        """See Loop.sensitivity(). The phase is that with the oldest readings."""
+        """Returns the sensitivity function S of the phase with the oldest readings."""
         return self._oldest.sensitivity(gain)
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """See Loop.sensitivity_at(). The result is the mean over all phases, because the clock
+        """Returns S at a gain k as the mean over all phases, because the clock of the sensor
         drifts through them."""
         result: Matrix = np.mean([loop.sensitivity_at(gain, hz) for loop in self.each], 0)
         return result
