@@ -16,13 +16,14 @@ void board_show_reset(fw_t *fw);
 
 /* Accepts the errors that the board has detected in its own hardware, as a set of AXIS_BOARD_STATE_
  * bits, and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
- * fw_prepare() and fw_control(). It disables the axis in that tick with one of the faults
+ * fw_prepare() and fw_control(). While an error is detected, fw_board() disables the axis in the
+ * same tick with the fault of this error:
  *   board_unfit   OPTION_BYTES, IMAGE, RAM, CONVERTER, which are detected at power-up
  *   supply_wrong  SUPPLY, REFERENCE
  *   clock_wrong   TICK
  *   output_wrong  DAC, ENABLE
- * as long as the error is detected; the other bits are only reported. board_state keeps the
- * detected errors until the axis has no fault. */
+ * All other bits are only reported. board_state keeps the detected errors until the axis has no
+ * fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
 /* Accepts two times of a tick in us: how long the tick took, and how late it began. For several

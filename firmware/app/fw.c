@@ -39,15 +39,15 @@ static void wake(fw_t *fw) {
   }
 }
 
-/* Returns the latched fault or, during a fault reaction, the fault that will be latched at its
- * end. */
+/* Returns the latched fault. During a fault reaction, returns the fault that will be latched when
+ * the reaction ends. */
 static uint8_t fault_of(const fw_t *fw) {
   const uint8_t latched = fw->axis.signals.fault;
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-/* Returns true if a write to this object is refused now, because a running first motion test keeps
- * the bounds with which it began. */
+/* Returns true if a write to this object is refused now. A running first motion test keeps the
+ * bounds with which the test began. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
@@ -172,7 +172,8 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* After an accepted command, store_state shows immediately that the store is working. */
+/* Returns `refusal`, the result of a command to the parameter store. After an accepted command,
+ * store_state shows at once that the store is working. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
@@ -225,9 +226,9 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   }
 }
 
-/* Ends a running cycle if the written value affects the verdict on its part. Resets the date 1020h
- * after a change of a stored parameter, because the configuration then differs from the verified
- * configuration. */
+/* Ends a running cycle if the written value affects the verdict on the pressed part. Resets the
+ * date 1020h after a change of a stored parameter, because the configuration then differs from the
+ * verified configuration. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
   if (axis_objects[object].in_cycle == AXIS_IN_CYCLE_ENDS) {
@@ -300,8 +301,8 @@ static const dictionary_owner_t owner = {
 };
 
 /* Returns true if the axis was commissioned: the newest saved parameter set is complete and active.
- * Returns false without a set, after an interrupted save, and with a set of another object table of
- * which some entries are not active. */
+ * Returns false if there is no saved set, if the last save was interrupted, or if the set was saved
+ * under another object table and some of its entries are not active. */
 static bool is_commissioned(uint8_t store_state) {
   return store_state == AXIS_STORE_STATE_LOADED ||
          store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
@@ -407,8 +408,8 @@ static void execute_reset(fw_t *fw) {
   if (fw->canopen.reset == CANOPEN_RESET_NONE) {
     return;
   }
-  /* A reset waits until a save in progress has ended, because the reset must load the saved
-   * values; and until the result of a cycle is complete. */
+  /* A reset waits until a save in progress has ended, because the reset must load the saved values.
+   * It also waits until the result of a cycle is complete. */
   const bool is_saving =
       store_is_busy(&fw->store) || store_parts_state(&fw->store) == STORE_PARTS_WRITING;
   if ((is_saving && fw->store.memory != NULL &&
@@ -440,8 +441,8 @@ static void execute_reset(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
     }
   }
-  /* The code for the board reports only changes of the bus state. So after a reset the node gets
-   * the present bus state here. */
+  /* The code for the board reports only changes of the state of the CAN bus. So after a reset the
+   * CANopen node gets the present bus state here. */
   canopen_bus(&fw->canopen, bus);
   take_requests(fw);
 }
@@ -457,8 +458,8 @@ static void serve_save(fw_t *fw) {
   }
 }
 
-/* Programs and counts are written while the axis is disabled. An axis that is enabled does not wait
- * for this work. */
+/* Serves the parameter store. Cycle programs and counts of parts are written to the flash only
+ * while the axis is disabled. An enabled axis does not wait for this work. */
 static void serve_store(fw_t *fw) {
   if (store_is_busy(&fw->store)) {
     serve_save(fw);
@@ -500,7 +501,8 @@ void fw_prepare(fw_t *fw) {
   }
 }
 
-/* Asserts that an axis with a fault is off in the same tick, whatever has found the fault. */
+/* Asserts that the outputs of an axis with a fault are off in the tick of the fault, whichever part
+ * of the firmware detected it. */
 static inline void assert_outputs(const fw_t *fw, const axis_outputs_t *outputs) {
   if (fw->axis.signals.fault != AXIS_FAULT_NONE) {
     fx_assert(outputs->dac_fine == 0 && outputs->dac_code == 0);

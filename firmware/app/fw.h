@@ -13,17 +13,18 @@
 #include "firmware/canopen/can.h"
 #include "firmware/drive/drive.h"
 
-/* Size of the recorder buffer in bytes, on the host and by default on a board. The buffer has room
- * for 5 s of two 16-bit signals. */
+/* Size of the recorder buffer in bytes on the host, and the default size on a board. The buffer has
+ * room for 5 s of two 16-bit signals. */
 #define FW_RECORDER_BYTES 32768
 
-/* Size of the memory for programs of cycles in bytes, on the host: eight of the longest programs
- * and the staging area. */
+/* Size in bytes, on the host, of the memory for cycle programs. It has room for eight programs of
+ * the largest size and for the staging area. */
 #define FW_PROGRAM_BYTES (9 * CYCLE_PROGRAM_BYTES_MAX)
 
-/* Number of results that wait for an acknowledgement, on the host and on a board with cycles. */
+/* Largest number of results of parts that can wait for an acknowledgement, on the host and on a
+ * board with cycles. */
 enum { FW_RESULTS = 32 };
-/* Size of the memory for the curve of a cycle in bytes, on the host. */
+/* Size in bytes, on the host, of the memory for the curve of a cycle. */
 #define FW_CURVE_BYTES (CYCLE_CURVE_POINTS * sizeof(cycle_curve_point_t))
 
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
@@ -33,8 +34,9 @@ enum { FW_RESULTS = 32 };
  * axis is disabled, and the recorder is idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
 
-/* Computes one tick of drive, axis, recorder and protocols. A firmware on no bus computes only axis
- * and recorder, with the same outputs, until an object that belongs to neither of them is accessed.
+/* Computes one tick of drive, axis, recorder and protocols. A firmware on no bus computes only the
+ * axis and the recorder, and the outputs are the same. When an object that belongs to neither the
+ * axis nor the recorder is accessed, it also computes the drive and the protocols from then on.
  *
  * These events set code 0 and switch amplifier and brake off. The number is the tick in which this
  * happens; 1 is the first tick after the event:
@@ -61,12 +63,12 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 /* fw_tick() as four functions, for a board whose tick is an interrupt. In the interrupt,
  * fw_prepare() lets the drive set the targets of this tick. fw_prepare() needs no inputs, so the
  * conversion of the inputs may still run. fw_control() then computes the outputs from the inputs,
- * and the code for the board outputs them immediately. fw_report() does what most ticks need:
- * status of the drive, recorder, one event-driven TPDO. fw_between() must run after the interrupt,
- * before any other use of fw, and no tick may interrupt it. fw_between() does the rare and long
- * work: emergency messages, node timers that expire, the silent interval of Modbus, resets (which
- * can last longer than a tick), and a step of the store (an erase can, too). Cost on a Cortex-M4:
- * docs/chip/instructions.md.
+ * and the code for the board outputs them immediately. fw_report() does the work that most ticks
+ * need after the outputs: status of the drive, a sample of the recorder, one event-driven TPDO.
+ * fw_between() must run after the interrupt, before any other use of fw, and no tick may interrupt
+ * it. fw_between() does the rare and long work: emergency messages, node timers that expire, the
+ * silent interval of Modbus, resets (which can last longer than a tick), and a step of the store
+ * (an erase can, too). Cost on a Cortex-M4: docs/chip/instructions.md.
  *
  * While fw_between() does not run, a lost heartbeat and NMT commands are not detected. After more
  * than FW_BETWEEN_TICKS_MAX ticks without fw_between(), fw_prepare() disables the axis with the
@@ -107,11 +109,12 @@ void fw_overrun(fw_t *fw, uint32_t missed);
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
-/* Selects the program of the cycles of mode -9, a record that begins at a multiple of 4 and stays
- * unchanged while the firmware has it. Returns what cycle_program_check() found, or CYCLE_BUSY
- * while a cycle runs; the program before then stays selected. After a reset of the node there is
- * none. The record is not in the library, so it may have the number 0, and cycle_program is 0. A
- * simulation and a test bench select so; a client of a bus downloads (programs.h). */
+/* Selects the cycle program `record` for the press cycles of mode -9. The address of the record is
+ * a multiple of 4, and the record must not change while it is selected. Returns the result of
+ * cycle_program_check(), or CYCLE_BUSY while a cycle runs; the previous program then stays
+ * selected. After a reset of the node no program is selected. The record is not in the library, so
+ * its number may be 0, and the object cycle_program is 0. A simulation or a test bench selects
+ * programs with this function; a client on a bus downloads them (programs.h). */
 cycle_check_t fw_select_program(fw_t *fw, const void *record, uint32_t size);
 
 /* Reads one sample of a completed recording; index 0 is the oldest sample. `values` receives one

@@ -44,12 +44,11 @@ typedef struct {
 
 /* The two slots of a board whose firmware can be updated in operation (update.h). */
 typedef struct {
-  const store_memory_t *memory; /* memory with one sector for each slot */
+  const store_memory_t *memory; /* flash memory with one sector for each slot */
   uint32_t address[SLOTS];      /* address for which the image of each slot is linked */
   const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
   void (*restart)(void);        /* restarts the chip through its loader; does not return */
-  uint8_t running;              /* number of the slot from which the running image was started; this
-                                 * image has a trailer */
+  uint8_t running;              /* number of the slot with the running image, which has a trailer */
 } fw_slots_t;
 
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
@@ -83,59 +82,61 @@ typedef struct {
    * master gives an id. */
   uint8_t node_id;
   uint8_t buses; /* 1 if the firmware serves CANopen and Modbus; 0 if the axis is on no bus */
-  /* causes of the last reset, as a set of AXIS_RESET_CAUSE_ bits; 0 if no cause is known. When only
-   * the supply was switched on, POWER is set; BROWN_OUT and PIN may be set too. A fault of the
-   * processor core sets SOFTWARE. */
+  /* causes of the last reset, as a set of AXIS_RESET_CAUSE_ bits; 0 if no cause is known. A normal
+   * power-up sets the bit POWER, and may also set BROWN_OUT and PIN. A fault of the processor core
+   * sets SOFTWARE. */
   uint8_t reset_cause;
   /* text of software_version, which must outlive the firmware; NULL selects FW_VERSION and the hash
    * of the object table */
   const char *software;
   /* set of the CAN bit rates that the board supports (lss.h); 0 permits all bit rates */
   uint16_t bit_rates;
-  /* largest dac_bits that the code for the board outputs without a drive on a bus, 12 to 16; 0
-   * permits 16 */
+  /* largest value of dac_bits, 12 to 16, that the DAC of the board can output; 0 permits 16. A
+   * drive on a bus has no such limit */
   uint8_t dac_bits;
   /* registers at the fault of the processor core that caused the last reset; NULL without such a
    * fault */
   const fw_core_fault_t *core_fault;
-  /* memory for programs of cycles, which begins at a multiple of 4 and must outlive the firmware: a
-   * staging area of CYCLE_PROGRAM_BYTES_MAX bytes, then the library. NULL: no program can be
+  /* memory for cycle programs: a staging area of CYCLE_PROGRAM_BYTES_MAX bytes, then the library.
+   * Its address is a multiple of 4, and it must outlive the firmware. NULL: no program can be
    * downloaded */
   void *program_memory;
-  uint32_t program_bytes; /* FW_PROGRAM_BYTES on the host */
-  /* memory for the results of parts that wait for an acknowledgement, which begins at a multiple of
-   * 4 and must outlive the firmware: FW_RESULTS of cycle_part_t. NULL: only the last result is
-   * kept, and no cycle waits for an acknowledgement */
+  uint32_t program_bytes; /* size of program_memory in bytes; FW_PROGRAM_BYTES on the host */
+  /* memory for FW_RESULTS results (cycle_part_t) that wait for an acknowledgement. Its address is a
+   * multiple of 4, and it must outlive the firmware. NULL: only the last result is kept, and no
+   * cycle waits for an acknowledgement */
   void *result_memory;
   uint32_t result_bytes;
-  /* memory for the curve of a cycle, which begins at a multiple of 4 and must outlive the firmware;
-   * NULL: there is no curve */
+  /* memory for the curve of a cycle. Its address is a multiple of 4, and it must outlive the
+   * firmware. NULL: no curve is recorded */
   void *curve_memory;
-  uint32_t curve_bytes;    /* FW_CURVE_BYTES on the host */
-  const fw_slots_t *slots; /* NULL: the firmware cannot be updated in operation */
+  uint32_t curve_bytes; /* size of curve_memory in bytes; FW_CURVE_BYTES on the host */
+  /* slots of the firmware images; NULL: the firmware cannot be updated in operation */
+  const fw_slots_t *slots;
 } fw_config_t;
 
-/* Numbers that the parameter store keeps (results.h). */
+/* Counts of pressed parts that the parameter store keeps (results.h). */
 typedef struct {
   uint32_t power_up; /* number of power-ups at which the axis had cycle programs */
   uint32_t number;   /* number of the last pressed part */
   uint32_t parts[CYCLE_PART_VERDICTS];
-  uint32_t oldest_waiting; /* smallest number of a result that waits for its acknowledgement, set
-                            * only in the store; 0: none */
-  uint32_t bad_in_row;     /* number of consecutive bad or aborted parts, at most UINT16_MAX */
+  /* smallest number of a part whose result waits for its acknowledgement; 0: no result waits. This
+   * field is set only in the stored counts */
+  uint32_t oldest_waiting;
+  uint32_t bad_in_row; /* number of consecutive bad or aborted parts, at most UINT16_MAX */
 } results_counts_t;
 
 typedef struct {
   cycle_results_t waiting;
   cycle_part_t last; /* result of the last pressed part; its number is 0 if no part was pressed */
   results_counts_t counts;
-  results_counts_t stored; /* counts that the store has or is about to write */
-  uint32_t given_tick;     /* tick in which the store was last asked to write the counts */
-  uint32_t starts;         /* value of cycle_count for the last cycle that has got a serial
-                            * number */
+  results_counts_t stored; /* counts that the parameter store has or is about to write */
+  uint32_t given_tick; /* tick in which the parameter store was last asked to write the counts */
+  uint32_t starts;     /* value of cycle_count for the last cycle that has got a serial
+                        * number */
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
   uint8_t changed;                     /* 1 if `counts` differ from `stored` */
-  uint8_t urgent;                      /* 1 if the counts shall be stored at once */
+  uint8_t urgent;                      /* 1 if the counts must be stored at once */
   uint8_t has_power_up;                /* 1 if the number of this power-up is stored */
   uint8_t is_loaded;                   /* 1 once the counts were read from the store */
 } results_t;
@@ -164,7 +165,8 @@ typedef struct {
                             * (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
-  uint8_t reported[FW_HELD]; /* 1 if this rate-limited emergency message was sent since power-up */
+  /* 1 for each rate-limited emergency message that was sent since power-up */
+  uint8_t reported[FW_HELD];
   /* state of contact, force law and calibration at the last call of reports_contact() */
   uint8_t contact_seen;
   /* 1 while the tare measurement writes force_tare, which does not reset the date 1020h */

@@ -39,8 +39,8 @@ void incident_serve(fw_t *fw);
 void incident_yield(fw_t *fw);
 
 /* Executes a command that was written to incident_command. Returns FW_OK or FW_ERROR_NO_DATA. The
- * command `load` needs an archived incident of this object table, and a buffer without an incident
- * or a recording. Every other command needs an incident whose CRC is complete. */
+ * command `load` needs an archived incident of this object table, and a buffer that contains no
+ * incident and no recording. Every other command needs an incident whose CRC is complete. */
 int incident_command(fw_t *fw, int32_t value);
 
 #endif

@@ -82,9 +82,9 @@ static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
           dictionary_read(&fw->objects, object, &present) != FW_OK || present != value);
 }
 
-/* Returns true if a save of parameters or an update forbids this write now. A saved parameter set
- * must contain the values that all parameters had at the same moment, so stored parameters cannot
- * change during a save. */
+/* Returns true if a write to this object is forbidden now, because parameters are being saved or
+ * the firmware is being updated. A saved parameter set must contain the values that all parameters
+ * had at the same moment, so stored parameters cannot change during a save. */
 static bool is_prevented(const fw_t *fw, const axis_object_t *entry, bool starts) {
   return (store_is_busy(&fw->store) && (entry->stored != 0 || starts)) ||
          (update_is_busy(&fw->update, fw->axis.signals.tick_count) && starts);
@@ -141,8 +141,8 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
     hold(fw, source);
   }
   if (enables) {
-    /* Modbus clients on the serial line and behind a gateway have the same source number. A Modbus
-     * client that enables the axis over CAN loses the axis if CAN fails. */
+    /* Modbus clients on the serial line and behind a gateway have the same source number. If CAN
+     * fails, a Modbus client that enabled the axis over CAN loses the axis. */
     fw->owner_on_can |= (uint8_t)(fw->on_serial == 0);
     if (!is_watched(fw)) {
       warn(fw);
@@ -175,7 +175,7 @@ void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t con
     obey(fw, source, previous, controlword);
     return;
   }
-  /* The object controlword keeps the value that the owner wrote. */
+  /* A controlword that may only stop the axis does not change the object controlword. */
   fw->drive.params.controlword = previous;
   if (cia402_stop(&fw->drive, &fw->axis, controlword)) {
     hold(fw, source);
@@ -214,9 +214,9 @@ static void check_canopen(fw_t *fw) {
   }
 }
 
-/* Stores whether the owner reaches the axis over CAN, after a write to command_source. An owner
- * that enabled the axis over CAN stays an owner on CAN, even if the same number is written again
- * over the serial line. */
+/* After a write to command_source, stores in owner_on_can whether the owner reaches the axis over
+ * CAN. An owner that enabled the axis over CAN stays an owner on CAN, even if the same number is
+ * written again over the serial line. */
 static void note_connection(fw_t *fw, bool is_new, uint8_t owner) {
   const bool on_can = owner != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0;
   if (on_can || is_new || !will_be_active(fw)) {

@@ -56,8 +56,8 @@ void programs_init(fw_t *fw) {
   show_programs(fw);
 }
 
-/* Selects a cycle program, or none if it is NULL. Returns false and changes nothing while a cycle
- * runs. */
+/* Selects a cycle program; NULL selects no program. While a cycle runs, changes nothing and returns
+ * false. */
 static bool select(fw_t *fw, const cycle_header_t *program) {
   if (!cycle_mode_select(&fw->drive, program)) {
     return false;
@@ -67,8 +67,8 @@ static bool select(fw_t *fw, const cycle_header_t *program) {
   return true;
 }
 
-/* Selects a program by its number again, after the library has changed. The result of the last
- * cycle is lost only if this program itself has changed. */
+/* After a change of the library, selects the program with the same number again. The result of the
+ * last cycle is lost only if this program itself has changed. */
 static void follow_library(fw_t *fw, uint32_t changed) {
   const uint32_t number = fw->device.cycle_program;
   if (number != 0) {
@@ -117,8 +117,9 @@ int programs_check(const fw_t *fw, uint16_t object, int32_t value) {
   return (is_part(object) && is_downloading(fw, CANOPEN_SDOS)) ? FW_ERROR_BUSY : FW_OK;
 }
 
-/* Begins a program or an update with its first word. Continues an update whose offset has passed
- * 65535, because the objects show the offset modulo 65536. */
+/* Handles the word at offset 0, with which a cycle program or an update of the firmware begins. In
+ * an update longer than 65535 bytes offset 0 occurs again, because the objects have the offset
+ * modulo 65536. The update then continues. */
 static void begin_parts(fw_t *fw, uint32_t first) {
   const bool continues = update_is_receiving(&fw->update, fw->axis.signals.tick_count) &&
                          fw->update.received != 0 && (fw->update.received & 0xFFFFu) == 0;
@@ -129,8 +130,9 @@ static void begin_parts(fw_t *fw, uint32_t first) {
   }
 }
 
-/* Stages one piece of a program, or stores the offset of the next piece. A piece after a gap is
- * dropped; the command that ends the program is then refused, because bytes are missing. */
+/* Stages one piece of a cycle program, or stores the offset of the next piece. A piece that follows
+ * missing bytes is dropped. The command that ends the program is then refused, because bytes are
+ * missing. */
 static void take_part(fw_t *fw, uint16_t object, uint32_t value) {
   fw->has_parts = 1;
   fw->parts_tick = fw->axis.signals.tick_count;
@@ -167,7 +169,8 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program) {
   return (cycle_check_t){CYCLE_ACCEPTED, 0};
 }
 
-/* Returns FW_OK if the library may change now, otherwise the reason why not. */
+/* Returns FW_OK if the library of cycle programs may change now, otherwise the error code of the
+ * refusal. */
 static int refusal_of_change(const fw_t *fw) {
   if (fw->library.staging == NULL) {
     return FW_ERROR_NO_MEMORY;
@@ -192,7 +195,7 @@ static int remove_program(fw_t *fw, uint32_t number) {
   return FW_OK;
 }
 
-/* Adds the staged program to the library. */
+/* Adds the program in the staging area to the library. */
 static int accept(fw_t *fw, uint32_t size) {
   const int refusal = refusal_of_change(fw);
   if (refusal != FW_OK) {
@@ -235,7 +238,8 @@ uint32_t programs_download_most(const dictionary_t *objects, uint16_t index) {
   return (fw->library.staging == NULL) ? 0 : CYCLE_PROGRAM_BYTES_MAX;
 }
 
-/* A download needs the same permission as the removal of a program. */
+/* Returns FW_OK if `source` may download now, otherwise the error code. A download needs the same
+ * permission as the removal of a program. */
 static int refusal_of(const dictionary_t *objects, uint8_t source) {
   return ownership_permit(objects, source, AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 1);
 }

@@ -1,15 +1,15 @@
 #ifndef FIRMWARE_APP_PROGRAMS_H_
 #define FIRMWARE_APP_PROGRAMS_H_
 
-/* The programs of cycles as objects: the library (firmware/cycle/library.h), the download of a
- * program, the selection, and the result of one evaluation element.
+/* Objects for cycle programs: the library of programs (firmware/cycle/library.h), the download of a
+ * program, the selected program, and the result of one evaluation element.
  *
  * One transfer at a time uses the staging area: a download by one SDO server, or a program that a
- * client writes piece by piece to the objects cycle_data. After PROGRAMS_SILENCE_TICKS without a
- * piece, another transfer may replace the latter. A download and a removal are refused unless the
- * axis is disabled, because the check of a program can last longer than a tick, as can an erase of
- * the flash. The selection is short; it is refused only while a cycle runs or is evaluated. A
- * change of the library is stored while the axis is disabled. */
+ * client writes piece by piece to the objects cycle_data. If a client has sent no piece for
+ * PROGRAMS_SILENCE_TICKS, another transfer may begin instead. A download and a removal are refused
+ * unless the axis is disabled, because the check of a program or an erase of the flash can last
+ * longer than a tick. The selection of a program takes little time. It is refused only while a
+ * cycle runs or is evaluated. A change of the library is stored while the axis is disabled. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -23,12 +23,12 @@ enum { PROGRAMS_SILENCE_TICKS = 7500 };
  * program is selected. */
 void programs_init(fw_t *fw);
 
-/* Check a write to an object and act on it. A write to an object that programs.c does not handle
- * passes. */
+/* programs_check() checks a write to an object, and programs_written() acts on an accepted write. A
+ * write to an object that programs.c does not handle passes. */
 int programs_check(const fw_t *fw, uint16_t object, int32_t value);
 void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value);
 
-/* Selects a program outside of the library, for fw_select_program(). */
+/* Selects a cycle program that is not in the library, for fw_select_program(). */
 cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program);
 
 /* Executes the command cycle_program_remove or cycle_data_end. */

@@ -62,7 +62,7 @@ static int arm_recorder(fw_t *fw) {
     return FW_ERROR_RANGE;
   }
   if (starts) {
-    /* An excitation that starts before the first tick of the recorder also triggers the
+    /* An excitation that starts before the recorder has computed its first tick also triggers the
      * recording. */
     recorder_prime(&fw->recorder, fw->drive.signals.excitation_state);
   }

@@ -15,8 +15,8 @@ _Static_assert(AXIS_CYCLE_STATE_BAD == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_BAD &&
                    AXIS_CYCLE_STATE_ABORTED == AXIS_CYCLE_STATE_GOOD + CYCLE_PART_ABORTED,
                "verdicts of parts");
 
-/* Returns the result that the objects cycle_result_ show. Its number is 0 if there is no such
- * result. */
+/* Returns the result that the objects cycle_result_ show. If there is no such result, the number in
+ * the returned result is 0. */
 static const cycle_part_t *shown_part(const fw_t *fw) {
   static const cycle_part_t none;
   const uint32_t number = fw->device.cycle_result_number;
@@ -51,7 +51,8 @@ static void show_part(fw_t *fw) {
                                               : (uint8_t)AXIS_CYCLE_RESULT_VERDICT_NONE;
 }
 
-/* Returns the smallest number of a result that was not acknowledged, or 0. */
+/* Returns the smallest number of a part whose result was not acknowledged, or 0 if there is no such
+ * part. */
 static uint32_t oldest_waiting(const fw_t *fw) {
   const uint32_t lost = fw->device_signals.cycle_lost_first;
   return (lost != 0) ? lost : cycle_results_oldest(&fw->results.waiting);
@@ -135,8 +136,8 @@ void results_loaded(fw_t *fw) {
     take_stored(fw);
     fw->results.is_loaded = 1;
   }
-  /* The counts as they are in the memory of the store, which copies them when it changes to the
-   * other sector. */
+  /* The bytes of `stored` are the counts in the memory of the parameter store. The store copies
+   * them when it changes to the other sector. */
   const uint8_t *bytes = (const uint8_t *)(const void *)&fw->results.stored;
   const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) == STORE_COUNTS_BYTES;
   if (exist) {
@@ -161,7 +162,8 @@ static bool is_locked(const fw_t *fw) {
          (most != 0 && fw->results.counts.bad_in_row >= most);
 }
 
-/* Returns the reason why no cycle may start, or AXIS_CYCLE_STATE_IDLE if a cycle may start. */
+/* Returns the lock (AXIS_CYCLE_STATE_) that refuses the start of a cycle, or AXIS_CYCLE_STATE_IDLE
+ * if a cycle may start. */
 static uint8_t lock_of(const fw_t *fw) {
   if (cycle_results_are_full(&fw->results.waiting)) {
     return AXIS_CYCLE_STATE_RESULTS_FULL;
@@ -205,7 +207,8 @@ void results_show_store(fw_t *fw) {
 }
 
 static void count_part(results_counts_t *counts, uint8_t verdict) {
-  counts->number = (counts->number == UINT32_MAX) ? 1 : counts->number + 1; /* 0 means none. */
+  /* No part has the number 0. */
+  counts->number = (counts->number == UINT32_MAX) ? 1 : counts->number + 1;
   counts->parts[verdict] += 1;
   counts->bad_in_row = (verdict == CYCLE_PART_GOOD)        ? 0
                        : (counts->bad_in_row < UINT16_MAX) ? counts->bad_in_row + 1
@@ -253,7 +256,7 @@ static void take_part(fw_t *fw) {
   show_part(fw);
 }
 
-/* Moves a serial number. */
+/* Copies a serial number to `to` and clears it in `from`. */
 static void move_serial(uint32_t to[CYCLE_SERIAL_WORDS], uint32_t from[CYCLE_SERIAL_WORDS]) {
   for (uint8_t i = 0; i < CYCLE_SERIAL_WORDS; i++) {
     to[i] = from[i];
@@ -275,13 +278,14 @@ void results_follow(fw_t *fw) {
   if (started == 1) {
     move_serial(results->serial, fw->device.cycle_serial);
   } else if (started != 0 && !has_serial(fw)) {
-    move_serial(fw->device.cycle_serial, results->serial); /* The start was withdrawn. */
+    /* The start of the cycle was withdrawn. */
+    move_serial(fw->device.cycle_serial, results->serial);
   }
   results->starts = fw->drive.signals.cycle_count;
 }
 
-/* Returns true if the counts shall be written to the store now. `is_given` means that an earlier
- * write of these counts failed. */
+/* Returns true if the counts must be written to the parameter store now. `is_given` is true if an
+ * earlier write of the same counts failed. */
 static bool are_due(const fw_t *fw, bool is_given) {
   const results_t *results = &fw->results;
   const uint32_t age = fw->axis.signals.tick_count - results->given_tick;
@@ -290,7 +294,7 @@ static bool are_due(const fw_t *fw, bool is_given) {
          (age >= RESULTS_STORE_TICKS && (is_given || results->changed != 0));
 }
 
-/* Passes the counts to the parameter store when they shall be written. */
+/* Passes the counts of parts to the parameter store if they must be written now. */
 static void give_counts(fw_t *fw) {
   results_t *results = &fw->results;
   const bool has_failed = store_parts_state(&fw->store) == STORE_PARTS_FAILED;

@@ -24,7 +24,8 @@ static void read_trailer(const fw_t *fw, uint8_t slot, slot_trailer_t *trailer) 
   memory->read(memory->context, trailer_of(fw, slot), (uint8_t *)trailer, sizeof(*trailer));
 }
 
-/* Programs bytes at an address of the slots and reads them back. */
+/* Programs `count` bytes into the flash memory of the slots at the address `at`, and reads the
+ * bytes back. */
 static bool program(const fw_t *fw, uint32_t at, const void *bytes, uint32_t count) {
   const store_memory_t *memory = fw->config.slots->memory;
   bool done = memory->program(memory->context, at, bytes, count);
@@ -105,7 +106,7 @@ static bool is_our_board(const fw_t *fw) {
   return is_same;
 }
 
-/* Returns the reason for which an update with this head is refused (AXIS_PROGRAM_REFUSAL_). */
+/* Returns the reason (AXIS_PROGRAM_REFUSAL_) why an update with the received head is refused. */
 static uint8_t refusal_of_head(const fw_t *fw) {
   const update_head_t *head = &fw->update.head;
   const void *bytes = head;
@@ -132,7 +133,7 @@ static int fail(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_FLASH_FAILED, FW_ERROR_NO_DATA);
 }
 
-/* Erases the slot for an update whose head is valid. */
+/* Checks the head of the update. If the head is valid, erases the slot that the image will use. */
 static int take_head(fw_t *fw) {
   const store_memory_t *memory = fw->config.slots->memory;
   const uint8_t reason = refusal_of_head(fw);
@@ -143,7 +144,7 @@ static int take_head(fw_t *fw) {
   return memory->erase(memory->context, other_slot(fw)) ? FW_OK : fail(fw);
 }
 
-/* Programs the trailer of an image that is complete, its first word last. */
+/* Programs the trailer of a complete image. The first word of the trailer is programmed last. */
 static int finish(fw_t *fw) {
   const update_head_t *head = &fw->update.head;
   if (~fw->update.crc != head->crc) {
@@ -158,7 +159,7 @@ static int finish(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_NONE, FW_OK);
 }
 
-/* Programs the last 4 received bytes, those before the offset `received`. */
+/* Programs the last 4 received bytes, which end at the offset `received`. */
 static int take_word(fw_t *fw) {
   const uint32_t end = fw->update.received - UPDATE_HEAD_BYTES;
   const uint32_t slot = other_slot(fw) * fw->config.slots->memory->sector_bytes;
@@ -210,7 +211,7 @@ int update_end(fw_t *fw) {
   return (fw->device_signals.program_refusal == AXIS_PROGRAM_REFUSAL_NONE) ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* Returns true if the stored parameters were loaded, or if none were stored. */
+/* Returns true if the stored parameters were loaded, or if no parameters were stored. */
 static bool is_store_loaded(const fw_t *fw) {
   switch (fw->device_signals.store_state) {
     case AXIS_STORE_STATE_EMPTY:

@@ -17,28 +17,29 @@ typedef struct {
   char board[16];          /* name of the board, as in identity.h */
   char version[16];
   uint32_t unused;
-  uint32_t head_crc; /* CRC-32 of the bytes before */
+  uint32_t head_crc; /* CRC-32 of all bytes of the head before this field */
 } update_head_t;
 
 enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
 
 typedef struct {
   update_head_t head;
-  uint32_t size;         /* number of bytes that the client has announced; 0: not announced */
-  uint32_t received;     /* number of bytes */
+  uint32_t size; /* size of the update in bytes that the client has announced; 0: not announced */
+  uint32_t received;     /* number of received bytes of the update */
   uint32_t crc;          /* CRC-32 of the bytes of the image programmed so far */
-  uint32_t tick;         /* tick of the last bytes */
+  uint32_t tick;         /* tick in which the last bytes were received */
   uint32_t sequence;     /* sequence number of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */
-  uint8_t word[4];       /* received bytes of a word that is not complete yet */
+  uint8_t word[4];       /* received bytes of the 32-bit word that is not complete yet */
   uint8_t is_receiving;
   uint8_t restart_ticks; /* number of ticks until the restart; 0: no restart is due */
 } update_t;
 
-/* Number of ticks without bytes after which an update is over: 5 s, as an SDO transfer waits. */
+/* Number of ticks without received bytes after which an update ends: 5 s, the same time as in an
+ * SDO transfer. */
 enum { UPDATE_SILENCE_TICKS = 7500 };
 
-/* Returns true while bytes of an update are expected, at the tick `tick`. */
+/* Returns true if more bytes of an update are expected at the tick `tick`. */
 static inline bool update_is_receiving(const update_t *update, uint32_t tick) {
   return update->is_receiving != 0 && tick - update->tick < UPDATE_SILENCE_TICKS;
 }

@@ -9,10 +9,10 @@ static const struct {
   uint16_t first;
   uint16_t last;
 } restricted[RESTRICTED] = {
-    {0x000, 0x07F},                 /* NMT, and reserved for safety */
-    {0x101, 0x180}, {0x581, 0x5FF}, /* SDO, from the server */
-    {0x601, 0x67F},                 /* SDO, to the server */
-    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* heartbeats by NMT, and reserved identifiers */
+    {0x000, 0x07F},                 /* NMT, and identifiers reserved for safety */
+    {0x101, 0x180}, {0x581, 0x5FF}, /* SDO answers from the server */
+    {0x601, 0x67F},                 /* SDO requests to the server */
+    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* heartbeats of NMT error control, and reserved identifiers */
 };
 
 bool canopen_any_cob_is(const uint32_t *cob_ids, uint8_t count, uint16_t id) {

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_COB_ID_H_
 #define FIRMWARE_CANOPEN_COB_ID_H_
 
-/* COB-IDs. A COB-ID has an 11-bit CAN identifier in its lowest bits. Bit 31 is 1 if the COB-ID is
- * not valid. */
+/* COB-IDs of CANopen. The lowest 11 bits of a COB-ID are a CAN identifier. Bit 31 is 1 if the
+ * COB-ID is not valid. */
 
 #include <stdbool.h>
 #include <stdint.h>

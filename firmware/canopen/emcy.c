@@ -8,7 +8,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects_drive.h"
 
-/* Returns the bits of the error register (1001h) for an error code; a warning has no bit. */
+/* Returns the bits that an error code sets in the error register (1001h). A warning sets no bit. */
 static uint8_t class_of(uint16_t code) {
   if (code >= AXIS_ERROR_CODE_CONTACT_LOST && code <= AXIS_ERROR_CODE_OVERRUN) {
     return 0;

@@ -6,18 +6,19 @@
  *
  * A frame contains the error code (AXIS_ERROR_CODE_), the error register and five manufacturer
  * bytes. Code 0 reports the end of an error; the register in the frame shows whether another error
- * remains. The codes contact_lost to overrun (FF01h to FF04h) are warnings: they leave the register
- * as it is, so it is 0 if nothing else has failed.
+ * remains. The codes contact_lost to overrun (FF01h to FF04h) are warnings: they do not change the
+ * error register, so the register is 0 if there is no error.
  *
  * The first manufacturer byte depends on the error code. For a code of the drive it is the fault
  * (AXIS_FAULT_), and for a lost heartbeat the node id. For an error of an RPDO it is the number
- * 1..4 of the RPDO, which was too short (not processed), too long (its first bytes were used),
- * late, or refused by an object. The firmware gives the byte of its own messages, for example the
- * lost owner, or store_state for a failed store. In all other cases the byte is 0.
+ * 1..4 of the RPDO. The RPDO was too short and not processed; or too long, and only its first bytes
+ * were used; or late; or an object refused its value. In the messages of the firmware itself, the
+ * firmware sets this byte: for example the number of the lost owner, or store_state after a failure
+ * of the parameter store. In all other cases the byte is 0.
  *
- * The other four bytes are used by few messages. In store_failed at power-up they are the index
- * (two bytes, low byte first) and the sub-index of the first parameter that differs from the stored
- * value, and the number of such parameters, at most 255. */
+ * Few messages use the other four manufacturer bytes. In store_failed at power-up they are the
+ * index (two bytes, low byte first) and the sub-index of the first parameter that differs from the
+ * stored value, and the number of such parameters, at most 255. */
 
 #include <stdint.h>
 

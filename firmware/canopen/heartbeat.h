@@ -10,7 +10,8 @@
 
 #include "firmware/canopen/state.h"
 
-/* CAN identifiers of heartbeats: HEARTBEAT_ID plus the id of the sending node. */
+/* CAN identifiers of heartbeats. The identifier of a heartbeat is HEARTBEAT_ID plus the id of the
+ * node that sends the heartbeat. */
 enum { HEARTBEAT_ID = 0x700, HEARTBEAT_ID_LAST = 0x77F };
 
 void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame);
@@ -18,11 +19,11 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame);
 /* Acts on a missing heartbeat: the time of heartbeat consumer i has expired. */
 void heartbeat_missed(canopen_t *canopen, uint8_t i);
 
-/* Acts on a change of the entry of heartbeat consumer i: the node in the entry is monitored from
- * its next heartbeat on. */
+/* Acts on a change of the entry of heartbeat consumer i. The node in this entry is monitored from
+ * the next heartbeat of that node on. */
 void heartbeat_restart(canopen_t *canopen, uint8_t i);
 
-/* Returns true if the heartbeat of any node is monitored now. */
+/* Returns true if this node now monitors the heartbeat of at least one other node. */
 bool heartbeat_runs(const canopen_t *canopen);
 
 /* Checks the entry `wanted` for heartbeat consumer i. Returns FW_OK, FW_ERROR_RANGE, or

@@ -8,10 +8,10 @@
 
 #include "firmware/canopen/state.h"
 
-/* Returns true if `object` is a COB-ID and its new value `wanted` is valid with an identifier that
- * another service of the node uses. Such a value is refused: only one service receives a frame, so
- * another service, for example the RPDO with the stop command, would not receive the frame. Several
- * RPDOs may share an identifier, and several TPDOs may share an identifier. */
+/* Returns true if `object` is a COB-ID, and its new value `wanted` is a valid COB-ID whose
+ * identifier another service of the node uses. Such a value is refused. Only one service receives a
+ * frame, so the other service, for example the RPDO with the stop command, would not receive the
+ * frame. Several RPDOs may share an identifier, and several TPDOs may share an identifier. */
 bool identifier_is_taken(const canopen_t *canopen, uint16_t object, uint32_t wanted);
 
 #endif

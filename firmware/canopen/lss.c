@@ -12,19 +12,22 @@ enum {
   CONFIGURE_BIT_TIMING = 0x13,
   ACTIVATE_BIT_TIMING = 0x15,
   STORE_CONFIGURATION = 0x17,
-  SELECT_FIRST = 0x40, /* first of four commands, in this order: vendor, product, revision, serial
-                        * number */
+  /* first of the four commands that select a node, in this order: vendor, product, revision, serial
+   * number */
+  SELECT_FIRST = 0x40,
   SELECT_LAST = 0x43,
   SELECTED = 0x44,
-  /* first of six commands, in this order: vendor, product, lowest and highest revision, lowest and
-   * highest serial number */
+  /* first of the six commands that identify a node, in this order: vendor, product, lowest and
+   * highest revision, lowest and highest serial number */
   IDENTIFY_FIRST = 0x46,
   IDENTIFY_LAST = 0x4B,
   IDENTIFY_NON_CONFIGURED = 0x4C,
   IDENTIFIED = 0x4F,
   IDENTIFIED_NON_CONFIGURED = 0x50,
   FAST_SCAN = 0x51,
-  INQUIRE_FIRST = 0x5A, /* first field of the LSS address, in the order of SELECT_FIRST */
+  /* command that reads the first field of the LSS address; the order of the fields is that of
+   * SELECT_FIRST */
+  INQUIRE_FIRST = 0x5A,
   INQUIRE_LAST = 0x5D,
   INQUIRE_NODE_ID = 0x5E
 };
@@ -91,8 +94,9 @@ static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* Returns how many parts of the LSS address have matched, in their order, after one more part was
- * compared. `count` is the number before this comparison. */
+/* The parts of the LSS address are compared one after the other. Returns the number of parts that
+ * have matched after the part with the number `part` was compared. `count` is this number before
+ * the comparison. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);
@@ -122,9 +126,9 @@ static void identify(canopen_t *canopen, uint8_t part, uint32_t value) {
   }
 }
 
-/* Processes a request of fast scan. The node answers if the bits of its address part from bit
- * `check` upwards equal the same bits of `value`. The master finds an address part from the highest
- * bit to the lowest bit, and then searches the next part. */
+/* Processes a request of fast scan. The node compares one part of its LSS address with `value`,
+ * from bit `check` upwards. The node answers if these bits are equal. So the master finds each part
+ * of the address bit by bit, beginning with the highest bit. */
 static void scan(canopen_t *canopen, const uint8_t *data) {
   lss_t *lss = &canopen->lss;
   const uint32_t value = fx_load_le32(&data[1]);

@@ -14,10 +14,10 @@
  *                               configuration, inquire
  *
  * No LSS command moves the axis. A new node id becomes active at the next reset of communication. A
- * node without id makes this reset when it has received an id and changes to the state waiting. A
- * new bit rate becomes active by the command activate bit timing. The node then sends nothing for
- * two switch delays, so the axis is stopped as with bus off; the bit rate changes between the two
- * delays. The node knows only table 0 of CiA 305.
+ * node without id makes this reset itself: when it has received an id and then changes to the state
+ * waiting. A new bit rate becomes active by the command activate bit timing. The node then sends
+ * nothing for two switch delays, so the axis is stopped as with bus off; the bit rate changes
+ * between the two delays. The node knows only table 0 of CiA 305.
  *
  * Answers to a configure command: 0 for success; 1 for a node id or bit rate that does not exist or
  * is not supported; 255, followed by 1, for a node id that the board fixes. The answer to store
@@ -36,9 +36,9 @@ enum { LSS_NO_NODE_ID = 255 };
  * bit rate. */
 enum { LSS_RATES = 9, LSS_RATE_DEFAULT = 0 };
 
-/* lss_kbit_s() returns the bit rate in kbit/s at an index of the table, or 0 for a reserved index.
- * lss_rate_of() returns the index of a bit rate, or LSS_RATES if the table does not contain the
- * rate. */
+/* lss_kbit_s() returns the bit rate in kbit/s with an index of the table of bit rates, or 0 for a
+ * reserved index. lss_rate_of() returns the index of a bit rate, or LSS_RATES if the table does not
+ * contain the rate. */
 uint16_t lss_kbit_s(uint8_t rate);
 uint8_t lss_rate_of(uint32_t kbit_s);
 
@@ -58,8 +58,8 @@ bool lss_has_rate(const canopen_t *canopen, uint8_t rate);
 typedef enum { LSS_NOTHING, LSS_RESET, LSS_SILENCE } lss_result_t;
 lss_result_t lss_receive(canopen_t *canopen, const can_frame_t *frame);
 
-/* State of the LSS command store configuration: none, requested, in progress. lss_stored() sends
- * `result` (LSS_STORED to LSS_STORE_FAILED) as the answer to the command. */
+/* State of the LSS command `store configuration`: no command, requested, in progress. lss_stored()
+ * sends `result` (LSS_STORED to LSS_STORE_FAILED) as the answer to the command. */
 enum { LSS_STORE_IDLE, LSS_STORE_REQUESTED, LSS_STORE_RUNNING };
 enum { LSS_STORED = 0, LSS_STORE_MISSING = 1, LSS_STORE_FAILED = 2 };
 void lss_stored(canopen_t *canopen, uint8_t result);

@@ -8,7 +8,8 @@
 /* Number of bits of the data types 1 to 7 of CiA 301: boolean, i8, i16, i32, u8, u16, u32. */
 static const uint8_t bits_of_dummy[] = {0, 1, 8, 16, 32, 8, 16, 32};
 
-/* Return the index and the sub-index of the object in a mapping entry. */
+/* entry_index() returns the index of the object in a mapping entry, and entry_sub() returns its
+ * sub-index. */
 static uint16_t entry_index(uint32_t entry) { return (uint16_t)fx_field(entry, 16, 16); }
 static uint8_t entry_sub(uint32_t entry) { return (uint8_t)fx_field(entry, 8, 8); }
 

@@ -29,7 +29,8 @@ enum {
 /* Values of error_behaviour (1029h): NMT state that the node enters after a communication error. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
 
-/* Adds the node id to those COB-IDs of one block whose default values contain the node id. */
+/* Adds the node id to the COB-IDs in one block of objects. Only COB-IDs whose default value
+ * contains the node id are changed. */
 static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   for (uint16_t i = AXIS_OBJ_NONE + 1; i < AXIS_OBJ_COUNT; i++) {
     const axis_object_t *object = &axis_objects[i];
@@ -101,8 +102,8 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
   if (canopen->node_id == LSS_NO_NODE_ID) {
     return;
   }
-  /* The boot-up message has the format of a heartbeat with the state initialising. The state
-   * initialising ends with this message. */
+  /* The boot-up message has the format of a heartbeat with the state initialising. After this
+   * message the node leaves the state initialising. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
@@ -123,21 +124,22 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* Stops the axis whichever bus owns it, and reports all sources on this bus as lost. */
+/* Requests a stop of the axis, whichever bus owns the axis, and reports all sources on the CAN bus
+ * as lost. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;
 }
 
-/* Adds `frames` to the number of lost frames in the request to the firmware, up to the largest
- * possible number. */
+/* Adds `frames` to the number of lost frames in the requests to the firmware. The number saturates
+ * at its largest value. */
 static void lose_frames(canopen_t *canopen, uint16_t frames) {
   const uint32_t sum = (uint32_t)canopen->requests.frames_lost + frames;
   canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
 }
 
-/* Moves the number of frames that the full output queue refused into the request to the firmware,
- * which counts lost frames. */
+/* The output queue counts the frames that it refused because it was full. Adds this number to the
+ * lost frames in the requests to the firmware. */
 static void take_output_lost(canopen_t *canopen) {
   lose_frames(canopen, canopen->output.lost);
   canopen->output.lost = 0;
@@ -187,8 +189,8 @@ static void receive_lss(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-/* Opens the output queue, unless the bus is off or the node is silent during a change of the bit
- * rate. */
+/* Opens the output queue for new frames. If the bus is off, or if the node is silent during a
+ * change of the bit rate, closes the queue. */
 static void update_output(canopen_t *canopen) {
   const bool closed = canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen);
   canopen->output.closed = closed ? 1 : 0;
@@ -346,8 +348,8 @@ void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool ac
   }
 }
 
-/* Prepares the next of the ticks that began while a tick was deferred. Ticks before the boot-up
- * message are not computed later. */
+/* Prepares the work of the next tick that began while an earlier tick was still deferred. Ticks
+ * before the boot-up message are not computed later. */
 static void make_up(canopen_t *canopen) {
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->late = 0;
@@ -358,7 +360,7 @@ static void make_up(canopen_t *canopen) {
   }
 }
 
-/* Asserts the invariants of a node in each tick: its sets have only services that exist. */
+/* Asserts in each tick that the sets of services of the node contain only services that exist. */
 static inline void assert_node(const canopen_t *canopen) {
   const uint32_t pdos = (uint32_t)canopen->rpdos_late | canopen->rpdos_waiting |
                         canopen->tpdos_watched | canopen->tpdos_timed | canopen->tpdos_inhibited;

@@ -24,7 +24,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* State of the axis that the node needs in canopen_tick_end(). */
+/* State of the axis as far as the node needs it in canopen_tick_end(). */
 typedef struct {
   uint16_t error_code; /* AXIS_ERROR_CODE_ */
   /* latched fault (AXIS_FAULT_), or fault that the present fault reaction will latch */
@@ -43,9 +43,9 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* canopen_take_requests() returns the requests of the node since the last call. Call this function
- * after every other function of the node, because the loss of a source must act before the next
- * function. */
+/* canopen_take_requests() returns the requests of the node since the last call. Call
+ * canopen_take_requests() after every other function of the node, because the loss of a source must
+ * act before the next function is called. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   const canopen_requests_t *requests = &canopen->requests;
   return requests->frames_lost != 0 || requests->sources_lost != 0 || requests->duplicate != 0;
@@ -67,8 +67,8 @@ static inline canopen_requests_t canopen_take_requests(canopen_t *canopen) {
  * the drive has changed. Between ticks, while canopen_is_behind() is true, the caller computes one
  * deferred tick: first canopen_tick_timers(), then the requests of the node, then
  * canopen_tick_end() with the resulting state of the axis. The frames and their order are the same
- * with and without deferring. Up to 255 ticks may begin before a deferred tick is computed; they
- * are computed after it. */
+ * with and without deferring. Up to 255 more ticks may begin before a deferred tick is computed.
+ * These ticks are computed after the deferred tick. */
 void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer);
 void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis);
 
@@ -103,15 +103,16 @@ void canopen_missed(canopen_t *canopen, uint32_t ticks);
 /* Removes the next frame to send from the output queue. Returns false if there is no frame. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 
-/* Advances the silences of a change of the bit rate by `ticks` ticks; see lss_is_silent(). */
+/* During a change of the bit rate, reduces the remaining silence of the node by `ticks` ticks; see
+ * lss_is_silent(). */
 void canopen_lss_tick(canopen_t *canopen, uint32_t ticks);
 
 /* Returns the reset (CANOPEN_RESET_) that NMT or LSS has requested since the last call. The caller
  * must carry out this reset. */
 uint8_t canopen_take_reset(canopen_t *canopen);
 
-/* Reports that `frames` received frames were lost: requests that the firmware counts these frames,
- * and sends an emergency message. */
+/* Reports that `frames` received frames were lost. The node requests that the firmware counts these
+ * frames, and sends an emergency message. */
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
 /* Sets the bus state (CAN_BUS_) that the CAN controller reports. The node sends an emergency
@@ -119,8 +120,8 @@ void canopen_lost(canopen_t *canopen, uint16_t frames);
  * lost. */
 void canopen_bus(canopen_t *canopen, uint8_t state);
 
-/* Send an emergency message that is no fault of the axis. `code` is the error code of CiA 301;
- * `info` and `detail` are the manufacturer bytes. */
+/* Sends an emergency message about an event that is no fault of the axis. `code` is the error code
+ * of CiA 301; `info` and `detail` are the manufacturer bytes. */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
@@ -134,8 +135,8 @@ int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
                      int32_t previous, int32_t value);
 
-/* Call this function when CANopen becomes the owner of the axis: the deadlines of RPDOs that do not
- * run then start as soon as the axis is active. */
+/* Call canopen_owns() when CANopen becomes the owner of the axis. The deadlines of RPDOs that are
+ * not running then start as soon as the axis is active. */
 void canopen_owns(canopen_t *canopen);
 
 /* Returns the reason (AXIS_FAULT_) why no master can reach the axis over this node: bus off, lost
@@ -150,7 +151,8 @@ bool canopen_is_watched(const canopen_t *canopen);
  * COB-ID or the deadline of an RPDO. */
 bool canopen_watches_by(uint16_t object);
 
-/* Aborts the upload of a domain, by its index, whose bytes are lost. */
+/* Aborts an upload of the domain with the index `index`, because the bytes of the domain are
+ * lost. */
 void canopen_domain_replaced(canopen_t *canopen, uint16_t index);
 
 #endif

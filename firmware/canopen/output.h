@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_CANOPEN_OUTPUT_H_
 #define FIRMWARE_CANOPEN_OUTPUT_H_
 
-/* The output queue of CAN frames: the first frame that is added is sent first. Frames of low
- * priority are refused before the queue is full, so that emergency messages and heartbeats can
- * still be added while many requests are answered. */
+/* The output queue of CAN frames. The frame that was added first is sent first. The queue refuses
+ * frames of low priority before it is full, so emergency messages and heartbeats can still be added
+ * while many requests are answered. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -14,7 +14,8 @@
 
 enum { CAN_OUTPUT_FRAMES = 16 };
 
-/* Number of free slots that must remain in the queue when a frame of each kind is added. */
+/* Number of free places that must remain in the output queue after a frame of this kind was
+ * added. */
 enum {
   CAN_OUTPUT_KEEP_NMT = 0,
   CAN_OUTPUT_KEEP_EMCY = 1,
@@ -24,7 +25,8 @@ enum {
 
 typedef struct {
   can_frame_t frames[CAN_OUTPUT_FRAMES];
-  /* number of frames that the full queue refused since the number was last set to 0 */
+  /* number of frames that the queue refused because it was full, since this number was last set to
+   * 0 */
   uint16_t lost;
   uint8_t first;
   uint8_t count;

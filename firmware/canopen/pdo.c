@@ -23,8 +23,8 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
   return canopen->params.tpdo_transmission[i] >= PDO_EVENT_MANUFACTURER;
 }
 
-/* Updates the set of TPDOs whose values must be compared in every tick. Other TPDOs need no
- * instructions in a tick. */
+/* Updates the set of TPDOs whose values must be compared in every tick. A tick needs no
+ * instructions for the other TPDOs. */
 static void update_watched(canopen_t *canopen) {
   canopen->tpdos_watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
@@ -139,8 +139,8 @@ static inline void send(canopen_t *canopen, pdo_t *pdo, uint32_t cob_id, payload
   pdo->syncs = 0;
 }
 
-/* Restarts the event time and the inhibit time of TPDO i, which has been sent. The TPDO is valid
- * and the node is operational. */
+/* Restarts the event time and the inhibit time of TPDO i after the TPDO was sent. The TPDO must be
+ * valid, and the node must be operational. */
 static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   const uint32_t event = canopen->params.tpdo_event_time[i];
   const uint16_t inhibit = canopen->params.tpdo_inhibit_time[i];
@@ -155,7 +155,7 @@ static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uin
 }
 
 /* Checks whether the event time and the inhibit time of TPDO i end in the tick `now`. Returns true
- * while the inhibit time runs. */
+ * while the inhibit time of the TPDO runs. */
 static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   if (canopen_has(canopen->tpdos_timed, i) && pdo->event_tick == now) {
     canopen_drop(&canopen->tpdos_timed, i);
@@ -227,7 +227,8 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 
 typedef struct {
   bool refused; /* true: at least one object refused its received value */
-  bool skipped; /* true: the RPDO has mapped objects that are not written by this call */
+  /* true: the RPDO also has mapped objects that this call of write_part() does not write */
+  bool skipped;
 } written_t;
 
 /* Writes mapped objects of RPDO i: either the controlword alone, or all other objects. */
@@ -246,7 +247,8 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
-      /* A refusal because CANopen does not own the axis causes no emergency message. */
+      /* If an object refuses the value because CANopen does not own the axis, no emergency message
+       * is sent. */
       written.refused = written.refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -265,8 +267,7 @@ static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
                       fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
-  /* The controlword is written last, because it acts on the target and the mode of the same
-   * frame. */
+  /* The controlword is written last, because it uses the target and the mode in the same frame. */
   const written_t others = write_part(canopen, objects, i, false);
   const bool refused =
       (others.skipped && write_part(canopen, objects, i, true).refused) || others.refused;
@@ -334,7 +335,7 @@ void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
   if (!active) {
     return;
   }
-  /* A received value that still waits for a SYNC is too old and is discarded. */
+  /* A received value of the RPDO that still waits for a SYNC is too old, so it is discarded. */
   canopen->rpdo[rpdo].pending = 0;
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
@@ -381,7 +382,8 @@ typedef struct {
   const uint32_t *mapping; /* mapping entries of all PDOs, PDO_ENTRIES for each PDO */
   uint16_t first_cob_id; /* number of the object (AXIS_OBJ_) that is the COB-ID of the first PDO */
   uint16_t first_transmission;
-  uint16_t first_time; /* object of the first timeout (RPDO) or event time (TPDO) */
+  /* number of the object (AXIS_OBJ_) that is the first timeout (RPDO) or event time (TPDO) */
+  uint16_t first_time;
   uint16_t first_mapped;
   uint16_t first_mapping;
   bool transmit;
@@ -402,7 +404,7 @@ static side_t side_of(const canopen_t *canopen, bool transmit) {
 
 static int check_cob_id(const side_t *side, uint32_t i, uint32_t value) {
   const uint32_t present = side->cob_id[i];
-  /* In the COB-ID of a TPDO, bit 30 with the value 0 would permit remote requests. */
+  /* If bit 30 in the COB-ID of a TPDO is 0, the COB-ID permits remote requests. */
   const bool asks_remote = side->transmit && value != present && fx_field(value, 30, 1) == 0;
   return asks_remote ? FW_ERROR_RANGE : canopen_check_cob_id(present, value);
 }
@@ -477,9 +479,9 @@ int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value) {
                                   : result;
 }
 
-/* Returns the number of the PDO that has `object` as a communication parameter, or -1. Mapping
- * entries are not included: an entry changes only while its PDO is not valid, and acts when the PDO
- * becomes valid. */
+/* Returns the number of the PDO that has `object` as a communication parameter, or -1. A mapping
+ * entry gives -1, because an entry can change only while its PDO is not valid, and acts when the
+ * PDO becomes valid. */
 static int communication_of(const side_t *side, uint16_t object) {
   const uint16_t first[] = {side->first_cob_id, side->first_transmission, side->first_time,
                             side->first_mapped};

@@ -23,7 +23,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* Transmission types of PDOs. All other types from 241 to 253 are refused. */
+/* Transmission types of PDOs. The types 241 to 253 are refused. */
 enum { PDO_SYNC_ACYCLIC = 0, PDO_SYNC_MAX = 240, PDO_EVENT_MANUFACTURER = 254, PDO_EVENT = 255 };
 /* PDO_SYNC_AWAITED: value of the SYNC count of a TPDO that waits for the SYNC with its start
  * value. */
@@ -32,14 +32,14 @@ enum { PDO_SYNC_AWAITED = 255 };
 /* Applies the parameters of all PDOs, and starts or stops the timers of the PDOs. */
 void pdo_start(canopen_t *canopen, const dictionary_t *objects);
 
-/* Call this function when the node has entered or left the state operational. */
+/* Call pdo_operational() when the node has entered or left the state operational. */
 void pdo_operational(canopen_t *canopen, bool operational);
 
 /* Processes a data frame whose identifier belongs to no other service. */
 void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* Return true if a valid RPDO (pdo_receives) or a valid TPDO (pdo_transmits) has the identifier
- * `id`. */
+/* pdo_receives() returns true if a valid RPDO has the identifier `id`, and pdo_transmits() if a
+ * valid TPDO has this identifier. */
 bool pdo_receives(const canopen_t *canopen, uint16_t id);
 bool pdo_transmits(const canopen_t *canopen, uint16_t id);
 
@@ -57,13 +57,13 @@ void pdo_missed(canopen_t *canopen, uint32_t ticks);
 
 /* Acts on the expired deadline of an RPDO. */
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo);
-/* Prepares the deadlines of RPDOs that do not run or have expired: the deadlines start as soon as
- * the axis is active. */
+/* Prepares the deadlines of RPDOs that are not running or have expired. These deadlines start as
+ * soon as the axis is active. */
 void pdo_restart_deadlines(canopen_t *canopen);
 /* Returns true if any valid RPDO has a deadline. */
 bool pdo_has_deadline(const canopen_t *canopen);
-/* Call this function when the axis has become active: starts the deadlines that waited for an
- * active axis. */
+/* Call pdo_axis_active() when the axis has become active. It starts the deadlines of the RPDOs that
+ * waited for an active axis. */
 void pdo_axis_active(canopen_t *canopen);
 
 /* For the objects of PDOs, pdo_check() does the work of canopen_check(), and pdo_written() that of

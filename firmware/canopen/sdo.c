@@ -26,7 +26,7 @@ enum {
 };
 enum { EXPEDITED = 0x02, SIZED = 0x01, TOGGLE = 0x10, LAST = 0x01 };
 
-/* Largest number of bytes in a request itself. */
+/* Largest number of data bytes in an expedited request, which contains the value itself. */
 enum { EXPEDITED_BYTES = 4 };
 
 static void abort_segment(const sdo_request_t *request, uint32_t code) {
@@ -57,7 +57,7 @@ static void initiate_download(const sdo_request_t *request) {
   (void)sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD, sdo_index(data), data[3]);
 }
 
-/* Makes the checks that upload segments and download segments share. Returns 0 or an abort code. */
+/* Checks a request for an upload segment or with a download segment. Returns 0 or an abort code. */
 static uint32_t refuse_segment(const sdo_request_t *request, uint8_t state) {
   if (request->server->state != state) {
     return SDO_ABORT_COMMAND;
@@ -91,8 +91,8 @@ static void download_segment(const sdo_request_t *request) {
                    0, 0);
 }
 
-/* Answers an upload request: a value is sent in the answer itself (expedited), all other data are
- * sent in segments. */
+/* Answers an upload request. A value is sent in the answer itself (expedited transfer). All other
+ * data are sent in segments. */
 static void answer_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const bool expedited = server->what != AXIS_ADDRESS_TEXT && server->what != AXIS_ADDRESS_DOMAIN;

@@ -16,14 +16,15 @@ void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
 /* Aborts the transfer of a server because the client has sent no request for SDO_TIMEOUT_MS. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);
 
-/* Returns true while a server downloads an entry AXIS_ADDRESS_DOWNLOAD. */
+/* Returns true while a client downloads a stream of bytes through the SDO server `server`, to an
+ * address of the kind AXIS_ADDRESS_DOWNLOAD. */
 bool sdo_downloads_bytes(const canopen_t *canopen, uint8_t server);
 
 /* Ends the transfers of all SDO servers without sending an abort message. */
 void sdo_drop(canopen_t *canopen);
 
-/* Aborts the upload of a domain whose bytes are lost: of a recording, because the recorder was
- * stopped or armed; of a curve, because the next cycle has started. */
+/* Aborts the upload of a domain whose bytes are lost. A recording is lost when the recorder is
+ * stopped or armed. A curve is lost when the next cycle starts. */
 void sdo_domain_replaced(canopen_t *canopen, uint16_t index);
 
 #endif

@@ -5,8 +5,8 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* SERVER_: command specifiers in responses of block transfers. WITH_CRC, SIZED, UNUSED_UNIT: bits
- * of these responses and of the requests. */
+/* SERVER_: command specifiers in the answers of block transfers. WITH_CRC, SIZED, UNUSED_UNIT: bits
+ * in these answers and in the requests. */
 enum {
   SERVER_DOWNLOAD = 0xA0,
   SERVER_DOWNLOAD_END = 0xA1,
@@ -21,17 +21,17 @@ enum { WITH_CRC = 0x04, SIZED = 0x02, UNUSED_UNIT = 4 };
 enum { UPLOAD_BEGIN = 0, UPLOAD_END = 1, UPLOAD_ACKNOWLEDGE = 2, UPLOAD_START = 3 };
 enum { DOWNLOAD_END = 1 };
 
-/* Bits in the first byte of a segment: the number of the segment, and bit 7 for the last
- * segment. */
+/* Bits in the first byte of a segment. SEQUENCE: the number of the segment. LAST: bit 7, which is 1
+ * in the last segment. */
 enum { SEQUENCE = 0x7F, LAST = 0x80 };
 
-/* Block size, in segments, of a block download to an object with a value: one segment has room for
+/* Number of segments in a block of a download to an object with a value. One segment has room for
  * every value. */
 enum { VALUE_BLOCK = 1 };
 
 /* Number of segments in a block of a download to the flash. A segment is processed when the next
- * one arrives. With this number, the head of an update (64 bytes) is complete at the end of the
- * first block, so that the client waits while the flash is erased and no segment is lost. */
+ * segment arrives. With this number, the first block contains the complete head of an update (64
+ * bytes). So the client waits while the flash is erased, and no segment is lost. */
 enum { FLASH_BLOCK = 11 };
 
 static uint8_t block_of_download(const sdo_server_t *server) {
@@ -65,7 +65,7 @@ static void abort_transfer(const sdo_request_t *request, uint32_t code) {
   sdo_abort_transfer(request->canopen, request->number, code);
 }
 
-/* Upload. */
+/* Functions for block uploads. */
 
 bool sdo_block_begins_upload(uint8_t command) { return command_of(command) == UPLOAD_BEGIN; }
 
@@ -200,7 +200,7 @@ void sdo_block_tick(canopen_t *canopen, const dictionary_t *objects) {
   }
 }
 
-/* Download. */
+/* Functions for block downloads. */
 
 static void begin_download(const sdo_request_t *request) {
   const uint8_t *data = request->data;
@@ -225,8 +225,8 @@ static void begin_download(const sdo_request_t *request) {
   }
 }
 
-/* Appends `count` bytes of the held segment, the last one received, to the download. Returns 0 or
- * an abort code. */
+/* The server holds the last received segment. Appends the first `count` bytes of this segment to
+ * the download. Returns 0 or an abort code. */
 static uint32_t take_held(const sdo_request_t *request, uint32_t count) {
   sdo_server_t *server = request->server;
   server->held = 0;
@@ -268,8 +268,8 @@ void sdo_block_download(const sdo_request_t *request) {
   }
 }
 
-/* Acknowledges the segments of a block that were received without a gap. The client sends the
- * others again, as the first segments of the next block. */
+/* Acknowledges the segments of a block up to the first missing segment. The client sends the other
+ * segments again, as the first segments of the next block. */
 static void answer_block(const sdo_request_t *request, bool is_complete) {
   sdo_server_t *server = request->server;
   can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_SEGMENT, 0, 0);
@@ -281,8 +281,8 @@ static void answer_block(const sdo_request_t *request, bool is_complete) {
   server->sequence = 0;
 }
 
-/* Holds a received segment until the next segment, or the end of the download, shows how many of
- * its bytes are valid. Returns 0 or an abort code. */
+/* Holds a received segment. The next segment, or the end of the download, shows how many bytes of
+ * the held segment are valid. Returns 0 or an abort code. */
 static uint32_t hold_segment(const sdo_request_t *request, bool last) {
   sdo_server_t *server = request->server;
   const uint32_t code = (server->held != 0) ? take_held(request, SDO_SEGMENT_BYTES) : 0;

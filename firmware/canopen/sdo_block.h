@@ -6,10 +6,11 @@
  *
  * Upload: the server sends segments in a tick while fewer than SDO_BLOCK_FRAMES frames wait in the
  * output queue. So a block does not delay more important frames, and a tick sends at most
- * SDO_BLOCK_FRAMES segments (some 400 instructions each). Segments that the client did not
- * acknowledge are sent again. Download: the block of a value is one segment, and a repeated segment
- * is acknowledged again. A block of a download that is no value has SDO_BLOCK_MOST segments;
- * segments after a gap are dropped, and the end of the block acknowledges those before the gap. */
+ * SDO_BLOCK_FRAMES segments (some 400 instructions each). The server sends segments that the client
+ * did not acknowledge again. Download: the block of a value is one segment, and a repeated segment
+ * is acknowledged again. If the download is no value, a block has SDO_BLOCK_MOST segments. After a
+ * missing segment the following segments of the block are dropped, and the end of the block
+ * acknowledges the segments before the missing one. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,8 +19,8 @@
 
 enum { SDO_BLOCK_FRAMES = 4, SDO_BLOCK_MOST = 127 };
 
-/* Returns true if a block upload request must be answered by a segmented upload, because the data
- * are not longer than the threshold in the request of the client. */
+/* Returns true if a segmented upload must answer a block upload request. This is so if the data are
+ * not longer than the threshold in the request. */
 bool sdo_block_prefers_segments(const sdo_request_t *request);
 
 /* Answers a request for a block upload, or aborts the transfer. */
@@ -28,7 +29,7 @@ void sdo_block_offer(const sdo_request_t *request);
 /* Returns true if a request with the command specifier of a block upload begins a new upload. */
 bool sdo_block_begins_upload(uint8_t command);
 
-/* Processes the requests within a block upload: start, acknowledgement, end. */
+/* Processes a request within a block upload: the start, an acknowledgement or the end. */
 void sdo_block_upload(const sdo_request_t *request);
 
 /* Processes a request that begins or ends a block download. */
