@@ -10,7 +10,7 @@
 /* Command specifier of an abort message. */
 enum { SERVER_ABORT = 0x80 };
 
-/* The COB-IDs that one SDO server uses for requests and for answers. */
+/* The two COB-IDs of one SDO server: the COB-ID of its requests and the COB-ID of its answers. */
 typedef struct {
   uint32_t receive;
   uint32_t transmit;
@@ -53,8 +53,8 @@ bool sdo_transmits(const canopen_t *canopen, uint16_t id) {
   return false;
 }
 
-/* COB-ID objects of the SDO servers that can be written: COB_IDS objects from COB_ID_FIRST on, in
- * the order of the object table. */
+/* The objects with COB-IDs of SDO servers that a client can write. They are the COB_IDS objects of
+ * the object table that begin with COB_ID_FIRST. */
 enum {
   COB_IDS = 4,
   COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
@@ -67,8 +67,8 @@ bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id) {
   bool found = false;
   for (int i = 0; i < CANOPEN_SDOS; i++) {
     const channel_t channel = channel_of(canopen, (uint8_t)i);
-    /* index of the COB-ID object; negative for the default server, whose COB-IDs cannot be
-     * written */
+    /* index of the first COB-ID object of this server; negative for the default server, whose
+     * COB-IDs cannot be written */
     const int first = 2 * (i - 1);
     found = found || (place != first && canopen_cob_is(channel.receive, id)) ||
             (place != first + 1 && canopen_cob_is(channel.transmit, id));
@@ -162,7 +162,7 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
       return SDO_ABORT_SIGNATURE;
     }
     if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
-      /* CiA 301 requires this code, because only 0 may be written to 1003h:00 */
+      /* CiA 301 requires this abort code if a value other than 0 is written to 1003h:00 */
       return SDO_ABORT_VALUE;
     }
     if (is_above(entry, value, entry->max)) {
@@ -193,7 +193,8 @@ static uint32_t write_value(const sdo_request_t *request) {
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
-/* Returns 0 or an abort code for a download that is a stream of bytes and no value. */
+/* Returns the abort code for the result of a download that is a stream of bytes and no value; 0: no
+ * error. */
 static uint32_t abort_of_download(int result) {
   if (result == FW_OK) {
     return 0;
@@ -241,8 +242,8 @@ uint32_t sdo_close(const sdo_request_t *request) {
              : write_value(request);
 }
 
-/* Returns 0, or an abort code if a download of `size` bytes, which is a stream and no value, cannot
- * begin. */
+/* Begins a download of `size` bytes that is a stream of bytes and no value. Returns 0, or an abort
+ * code if the download is refused. */
 static uint32_t refuse_bytes(const sdo_request_t *request, uint16_t index, bool sized,
                              uint32_t size) {
   const uint32_t most = dictionary_download_most(request->objects, index);
@@ -299,7 +300,7 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
   return code;
 }
 
-/* Returns true if the object is an entry of the error history that contains no error. */
+/* Returns true if `object` is an entry of the error history, and this entry contains no error. */
 static bool is_empty(const canopen_t *canopen, uint16_t object) {
   return canopen_element(object, AXIS_OBJ_ERROR_HISTORY_1, EMCY_HISTORY) >=
          canopen->params.error_history_count;
@@ -311,7 +312,7 @@ static int read_value(const sdo_request_t *request, uint16_t object, int32_t *va
                                             : dictionary_read(request->objects, object, value);
 }
 
-/* Returns the number of bytes of a text. */
+/* Returns the length of a text in bytes, without its final zero. */
 static uint32_t length_of(const char *text) {
   uint32_t length = 0;
   while (text[length] != 0) {
@@ -320,8 +321,8 @@ static uint32_t length_of(const char *text) {
   return length;
 }
 
-/* Finds the data of an upload at an address of the object table, and copies the bytes if the data
- * are a value. Returns 0 or an abort code. */
+/* Finds the data that an upload of `address` sends. If the data are a value, copies the bytes of
+ * the value. Returns 0 or an abort code. */
 static uint32_t open_address(const sdo_request_t *request, const axis_address_t *address) {
   sdo_server_t *server = request->server;
   if (address->what == AXIS_ADDRESS_TEXT) {

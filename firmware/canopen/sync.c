@@ -22,13 +22,13 @@ void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *
   }
 }
 
-/* Checks a new COB-ID of SYNC. No bit makes this COB-ID invalid. Bit 30 must be 0, because a node
- * with bit 30 must produce SYNC. */
+/* Checks a new COB-ID of SYNC (1005h). This COB-ID is always valid: no bit switches it off. Bit 30
+ * must be 0, because a node whose bit 30 is 1 must produce SYNC. */
 int sync_check_cob_id(uint32_t wanted) {
   const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* Checks a new overflow value of the SYNC counter. The value 1 is refused, because the counter
- * would then always be 1. */
+/* Checks a new overflow value of the SYNC counter. The overflow value 1 is refused, because the
+ * SYNC counter would then always be 1. */
 int sync_check_overflow(uint32_t wanted) { return (wanted == 1) ? FW_ERROR_RANGE : FW_OK; }

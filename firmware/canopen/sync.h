@@ -2,8 +2,8 @@
 #define FIRMWARE_CANOPEN_SYNC_H_
 
 /* SYNC consumer of a CANopen node. The SYNC message contains a counter if object 1019h is not 0. A
- * message of wrong length is ignored; an emergency message reports only the first of consecutive
- * wrong messages. */
+ * SYNC message of wrong length is ignored. If several SYNC messages in a row are wrong, an
+ * emergency message reports only the first of them. */
 
 #include <stdint.h>
 

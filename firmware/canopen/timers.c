@@ -13,7 +13,7 @@ void canopen_timers_init(canopen_timers_t *timers) {
   }
 }
 
-/* Asserts that every running timer is in a slot. */
+/* Asserts that every running timer of the node is in a slot of the list of timers. */
 static inline void assert_timers(const canopen_timers_t *timers) {
   uint32_t listed = 0;
   for (uint8_t i = 0; i < CANOPEN_TIMER_SLOTS; i++) {
@@ -36,7 +36,7 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      /* the new slot of the timer may be the slot that is checked now */
+      /* The new slot of the timer may be the same slot that is checked now. */
       *canopen_timer_slot(timers, at) |= bit;
     }
   }

@@ -3,8 +3,8 @@
 
 /* Timers of the node, in ticks; pdo.h has the timers of TPDOs. The list of timers has
  * CANOPEN_TIMER_SLOTS slots, and a tick checks only the timers in its slot (tick modulo
- * CANOPEN_TIMER_SLOTS). If this slot is empty, the check costs one comparison. A timer is in the
- * slot of the tick in which it expires, or in the slot of an earlier tick. Most timers are
+ * CANOPEN_TIMER_SLOTS). If the slot of a tick is empty, the check costs one comparison. A timer is
+ * in the slot of the tick in which it expires, or in the slot of an earlier tick. Most timers are
  * restarted before they expire: a restarted timer stays in its slot, and moves to a later slot when
  * its slot is checked. */
 
@@ -15,13 +15,13 @@
 #include "firmware/fx/fx.h"
 
 enum {
-  CANOPEN_HEARTBEATS = 4, /* heartbeat consumers */
-  CANOPEN_PDOS = 4,       /* number of RPDOs, and of TPDOs */
-  CANOPEN_SDOS = 3        /* SDO servers */
+  CANOPEN_HEARTBEATS = 4, /* number of heartbeat consumers */
+  CANOPEN_PDOS = 4,       /* number of RPDOs, and also number of TPDOs */
+  CANOPEN_SDOS = 3        /* number of SDO servers */
 };
 
 enum {
-  CANOPEN_TIMER_HEARTBEAT = 0, /* heartbeat producer */
+  CANOPEN_TIMER_HEARTBEAT = 0, /* time until the node sends its next heartbeat */
   CANOPEN_TIMER_EMCY = 1,      /* inhibit time of emergency messages */
   CANOPEN_TIMER_CONSUMER = 2,
   CANOPEN_TIMER_RPDO = CANOPEN_TIMER_CONSUMER + CANOPEN_HEARTBEATS,
@@ -31,13 +31,14 @@ enum {
 
 enum { CANOPEN_TIMER_SLOTS = 32 };
 
-/* All timers of a node. A set of timers has one bit for each timer. */
+/* All timers of a node. A set of timers is a word with one bit for each timer. */
 typedef struct {
-  /* number of the present tick while a tick is computed, otherwise number of the next tick; wraps
-   * at 2^32 */
+  /* number of the present tick while a tick is computed, otherwise number of the next tick; the
+   * number wraps at 2^32 */
   uint32_t now;
   uint32_t running; /* set of the running timers */
-  /* set of timers in each slot: all running timers and some stopped timers */
+  /* set of the timers in each slot. All running timers are in a slot, and some stopped timers still
+   * are */
   uint32_t slots[CANOPEN_TIMER_SLOTS];
   uint32_t at[CANOPEN_TIMERS]; /* number of the tick in which each timer expires */
 } canopen_timers_t;
@@ -48,7 +49,7 @@ static inline bool canopen_timer_runs(const canopen_timers_t *timers, uint32_t t
   return (timers->running & fx_bit(timer)) != 0;
 }
 
-/* Returns the slot that the tick `tick` checks. */
+/* Returns the slot of the list of timers that is checked in the tick `tick`. */
 static inline uint32_t *canopen_timer_slot(canopen_timers_t *timers, uint32_t tick) {
   return &timers->slots[tick & (CANOPEN_TIMER_SLOTS - 1)];
 }
@@ -78,14 +79,13 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
  * because the timers of a skipped slot would never be checked. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
 
-/* Accounts for `ticks` ticks that did not run. Timers of transmission that were due in these ticks
- * expire in the next tick; timers of reception (CANOPEN_TIMER_CONSUMER and above) expire `ticks`
+/* Accounts for `ticks` ticks that did not run. Timers for sending that were due in these ticks
+ * expire in the next tick. Timers for receiving (CANOPEN_TIMER_CONSUMER and above) expire `ticks`
  * ticks later. */
 void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
 
-/* Adapts the time `at` of a timer to `ticks` missed ticks, the first of which is `now`. Returns
- * `at` unchanged if it lies after the missed ticks, otherwise the first tick after the missed
- * ticks. */
+/* `ticks` ticks did not run, beginning with the tick `now`. If the time `at` of a timer is after
+ * these missed ticks, returns `at`. Otherwise returns the first tick after the missed ticks. */
 static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
   return (at - now < ticks) ? now + ticks : at;
 }

@@ -11,10 +11,10 @@
 
 _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
 
-/* Returns the velocity in counts per tick, if the last position was valid. A position that was read
- * p ticks after the last position gives the mean velocity of these p ticks. The division leaves
- * counts over, which belong to the next velocity, so that the sum of the velocities is the travel.
- * Without a newer position the velocity stays. */
+/* Returns the velocity in counts per tick. The last position must be valid. A position that was
+ * read p ticks after the last position gives the mean velocity of these p ticks. The remainder of
+ * the division is added to the next velocity, so the sum of all velocities is the travel. If there
+ * is no newer position, the velocity does not change. */
 static int32_t mean_velocity(axis_t *axis, const axis_inputs_t *inputs) {
   fx_assert(axis->velocity_rest_cnt > -256 && axis->velocity_rest_cnt < 256);
   const int32_t moved_cnt = fx_diff_wrap(inputs->encoder_cnt, axis->signals.position);
@@ -47,8 +47,8 @@ static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs)
 }
 
 /* Sets the position set-point of this tick. The profile follows the position while position mode is
- * not active, and also in the first tick of position mode. This first tick may be the first tick of
- * the axis or the first tick with a valid encoder count. */
+ * not active, and also in the first tick of position mode. The first tick of position mode may also
+ * be the first tick of the axis, or the first tick with a valid encoder count. */
 static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
@@ -74,7 +74,7 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
 }
 
-/* Returns the command of the control law of the mode, in 1/65536 DAC code. */
+/* Returns the command that the control law of a mode computes, in 1/65536 DAC code. */
 static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
   const axis_params_t *params = &axis->params;
   const axis_signals_t *signals = &axis->signals;
@@ -118,11 +118,12 @@ static void latch_fault(axis_t *axis, uint8_t fault) {
   axis->setpoint_new = 0;
 }
 
-/* Returns the mode whose law this tick computes. If the mode is disabled, the outputs are set: to
- * the safe state, or with the amplifier on while the axis waits for its drive. */
+/* Returns the mode whose control law is computed in this tick. If the result is disabled, also sets
+ * the outputs to the safe state. While the axis waits for a fitted drive, the amplifier stays on in
+ * this state. */
 static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                           axis_outputs_t *restrict outputs) {
-  /* A change between any two modes is permitted, because the transfer is bumpless. */
+  /* Every mode may follow every other mode, because the change is bumpless. */
   const uint8_t mode =
       (axis->signals.fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : axis->params.mode;
   const uint8_t reports = inputs->drive | inputs->position_age | inputs->force_age;
@@ -151,8 +152,8 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
   return mode;
 }
 
-/* Asserts the invariants after each tick: no output beyond output_limit, none at all with a fault,
- * and no brake that is released without torque. */
+/* Asserts the invariants after each tick: the output is within output_limit, a disabled axis has
+ * output 0 and a closed brake, and an axis with a fault is disabled. */
 static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *outputs) {
   const axis_params_t *params = &axis->params;
   const axis_signals_t *signals = &axis->signals;
@@ -211,15 +212,15 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits apply in the tick in which a command is output, also if it was computed one tick
-   * before. */
+  /* The limits apply in the tick in which a command is output, even if the command was computed one
+   * tick earlier. */
   const bool late = params->latency_ticks != 0;
   if (late) {
     const int32_t due_q16 =
         (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16) : axis->command_q16;
     set_output(axis, inputs->din, due_q16);
   }
-  /* At this point dac_fine is the output that precedes the one computed in this tick. */
+  /* At this point dac_fine is still the output that was computed in the previous tick. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
     signals->bump_bias =
@@ -231,9 +232,10 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   signals->active_mode = mode;
   fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
             fx_magnitude(signals->bump_bias) <= UINT32_C(6146) * 65536);
-  /* The limits change only the output, so command_code still shows what the law commanded, also if
-   * the code is output one tick later. With an excitation |law| < 4098 codes; |bias| < 6146: the
-   * sum is within +-2^30. */
+  /* The limits change only the output. So command_code shows the command of the control law, also
+   * if the code is output one tick later. The magnitude of the law, with excitation, is below 4098
+   * codes. The magnitude of the bias is below 6146 codes. So their sum in 1/65536 code is within
+   * +-2^30. */
   const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
   axis->command_q16 = command_q16;
   signals->command_code = (int16_t)fx_code_from_q16(command_q16);
@@ -260,8 +262,8 @@ void axis_init(axis_t *axis) {
   axis->step_mask = fx_step_mask(axis->params.dac_bits);
 }
 
-/* Checks a new tare against tare_band. With tare_band the tare cannot change while the axis is
- * enabled, and the magnitude of the tare never exceeds tare_band. */
+/* Checks a new tare against tare_band. If tare_band is not 0, the tare cannot change while the axis
+ * is enabled, and its magnitude never exceeds tare_band. */
 static int check_tare(const axis_t *axis, int32_t value) {
   const int32_t band = axis->params.tare_band;
   if (band == 0) {
@@ -320,8 +322,8 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   }
 }
 
-/* Stores the halved gain in the bank of the force law, so that a tick needs no additional
- * instructions. */
+/* Stores the halved gain in law->bank, so that a tick needs no additional instructions for the
+ * halvings. */
 static void halve_bank(force_law_t *law, uint8_t halvings) {
   law->halvings = halvings;
   law->bank.gain_q8 = fx_halved(law->whole_gain_q8, halvings);

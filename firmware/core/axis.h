@@ -33,27 +33,30 @@ void axis_init(axis_t *axis);
 /* Computes one tick of an axis.
  *
  * A fitted drive (AXIS_DRIVE_REPORT_FITTED) has power only some ticks after the amplifier is
- * enabled. Until it is on, the axis outputs code 0 with the brake on, active_mode remains disabled,
- * and profile, integral and excitation have not begun. The mode begins in the first tick in which
- * the drive is on. AXIS_DRIVE_REPORT_LIMIT acts on the integral like a limit of the DAC code.
+ * enabled. Until the drive reports that it is on, the axis outputs code 0 with the brake closed,
+ * and active_mode remains disabled. The profile, the integral and the excitation begin later. The
+ * mode begins in the first tick in which the drive is on. AXIS_DRIVE_REPORT_LIMIT acts on the
+ * integral like a limit of the DAC code.
  *
  * A fault (faults.h) acts in the same tick for every value of latency_ticks: the DAC code becomes
  * 0, the amplifier is switched off and the brake closes. The fault is latched, and the requested
  * mode becomes disabled. A limit (limits.h) changes only the output code. If latency_ticks is 1,
  * the output code is the code that was computed in the previous tick. The present position and the
- * present switches limit this code, and limit_reason refers to this code. The bounds of both ticks
- * apply, so that no bound ends one tick too early; output_limit is the value of the present tick.
- * Nothing is added after the limits.
+ * present limit switches limit this code, and limit_reason refers to this code. The bounds of both
+ * ticks apply, so that no bound ends one tick too early. The value of output_limit is that of the
+ * present tick. Nothing is added to the output after the limits.
  *
- * Resolution: the sum of law and bump bias is rounded once, half up, to a multiple of
- * 2^(12 - dac_bits) code, and then limited. Limits and bounds are whole codes. dac_fine is the
- * output, and dac_code is dac_fine rounded to a whole code; with dac_bits 12 both are equal.
+ * Resolution: the sum of the command of the control law and the bump bias is rounded once, half up,
+ * to a multiple of 2^(12 - dac_bits) code, and then limited. Limits and bounds are whole codes.
+ * dac_fine is the output, and dac_code is dac_fine rounded to a whole code. If dac_bits is 12, both
+ * are the same output.
  *
  * Bumpless transfer: when a mode or gain changes, the code computed in that tick equals the code
- * that was output before (0 after disabled). The difference from the control law becomes a bias. In
- * each tick the bias decays by 2^-n, at least by 1/65536 code, to exactly 0. n is the value of
- * bump_decay_shift when the mode or gain changes; a later write does not change an existing bias.
- * With n = 0 there is no bias, and the output steps.
+ * that was output before (0 after disabled). The difference between this output and the control law
+ * becomes a bias. In each tick the bias decreases by the fraction 2^-n of its value, at least by
+ * 1/65536 code, until it is exactly 0. n is the value of bump_decay_shift when the mode or gain
+ * changes; a later write does not change an existing bias. If n is 0, there is no bias, and the
+ * output steps.
  *
  * A position_setpoint that is written before position mode begins becomes active when position mode
  * begins. Without such a write position_setpoint becomes the present position, so the axis stays at
@@ -73,19 +76,20 @@ void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *output
  * tare_band is not 0. */
 int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
-/* Reports a write to the parameter `object` (AXIS_OBJ_) that changed its value from `previous` to
- * `value`. A write of an equal value has no effect, except that each write to position_setpoint
- * gives a new set-point. */
+/* Acts on a write that has changed the parameter `object` (AXIS_OBJ_) from `previous` to `value`. A
+ * write of the same value has no effect. The exception is position_setpoint: each write to it gives
+ * a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* Call this function after params.dac_bits was changed without a write, for example by the load of
- * the stored parameters. `most` is the largest number of bits that the board can output; a larger
- * dac_bits is reduced to `most`. */
+/* Call axis_output_loaded() after params.dac_bits was changed without a write, for example when the
+ * stored parameters were loaded. `most` is the largest number of bits that the DAC of the board can
+ * output. A larger dac_bits is reduced to `most`. */
 void axis_output_loaded(axis_t *axis, uint8_t most);
 
-/* Reports that axis->law.bank has received the coefficients of bank `number` (1..4, law_bank.h).
- * For number 0 the force law uses force_gain alone. In force mode the change is bumpless, as for a
- * change of gain. The integral keeps its value if the new law has integral action. */
+/* Call axis_bank_selected() after the coefficients of the bank `number` (1..4, law_bank.h) were
+ * copied to axis->law.bank. If `number` is 0, the force law uses only force_gain. In force mode the
+ * change of the bank is bumpless, as a change of the gain is. The integral keeps its value if the
+ * new bank has integral action. */
 void axis_bank_selected(axis_t *axis, uint8_t number);
 
 /* Halves the gain of the force law `halvings` times (0..15), from the next tick on. The gain is
@@ -93,16 +97,16 @@ void axis_bank_selected(axis_t *axis, uint8_t number);
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
 /* Latches a fault (AXIS_FAULT_) that was detected outside axis_tick(), unless another fault is
- * already latched. The axis is disabled in the next tick. Before this tick the latched fault cannot
- * be reset. */
+ * already latched. The axis is disabled in the next tick. The latched fault cannot be reset before
+ * that tick. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
 /* Latches a fault that was detected in the signals of a tick, and sets the outputs of the same tick
  * to the safe state: code 0, amplifier off, brake on. */
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
 
-/* Resets the latched fault; the axis stays disabled until a mode is written. Returns false and does
- * not reset the fault if the fault has not acted in a tick yet. */
+/* Resets the latched fault. The axis stays disabled until a mode is written. If the fault has not
+ * acted in a tick yet, does not reset the fault and returns false. */
 bool axis_fault_reset(axis_t *axis);
 
 #endif

@@ -25,8 +25,8 @@ static uint8_t bytes_of_sample(const recorder_channel_t channels[RECORDER_CHANNE
   return bytes;
 }
 
-/* Returns true if the memory contains a valid ring buffer of these channels. After a power cut the
- * memory has arbitrary content. */
+/* Returns true if the memory of the black box contains a valid ring buffer with these channels.
+ * After a power cut the contents of this memory are arbitrary. */
 static bool is_ring(const blackbox_t *blackbox, uint32_t buffer_bytes,
                     const recorder_channel_t channels[RECORDER_CHANNELS]) {
   const recorder_t *ring = &blackbox->ring;

@@ -1,14 +1,14 @@
 #ifndef FIRMWARE_CORE_BLACKBOX_H_
 #define FIRMWARE_CORE_BLACKBOX_H_
 
-/* The black box. While no recording is armed, the buffer of the recorder keeps fixed signals of the
- * last second, sampled in each tick. When an error occurs, the black box keeps these samples. The
- * samples of an error are an incident.
+/* The black box. While no recording is armed, the black box samples a fixed set of signals in each
+ * tick, and keeps the samples of the last second in the buffer of the recorder. When an error
+ * occurs, the black box keeps these samples. The samples of an error are an incident.
  *
- * An incident consists of BLACKBOX_BEFORE samples, the sample of the tick of the error, and the
- * following samples up to BLACKBOX_SAMPLES, or fewer in a smaller buffer. The black box keeps the
- * first incident, because the first incident explains later errors. The incident is lost when a
- * client clears it or a recording uses the buffer.
+ * An incident has BLACKBOX_SAMPLES samples, or fewer in a smaller buffer: BLACKBOX_BEFORE samples
+ * before the error, the sample of the tick of the error, and samples after the error. The black box
+ * keeps the first incident, because the first incident explains later errors. The incident is lost
+ * when a client clears it or a recording uses the buffer.
  *
  * A blackbox_t and its buffer may be placed in memory that a restart of the processor does not
  * clear; blackbox_init() then finds an incident in this memory. The samples have no CRC during
@@ -21,20 +21,21 @@
 #include "firmware/objects/generated/axis_objects_drive.h"
 
 enum {
-  BLACKBOX_BEFORE = 1500, /* 1 s */
-  BLACKBOX_AFTER = 30,    /* number of samples recorded from the tick of the error on: 20 ms */
+  BLACKBOX_BEFORE = 1500, /* number of samples before the error: 1 s */
+  BLACKBOX_AFTER = 30,    /* number of samples from the tick of the error on: 20 ms */
   BLACKBOX_SAMPLES = BLACKBOX_BEFORE + BLACKBOX_AFTER
 };
 
 typedef struct {
   /* BLACKBOX_MAGIC if the black box has initialised the other fields of this structure */
   uint32_t magic;
-  uint32_t table; /* hash of the object table with which the samples were recorded */
+  uint32_t table; /* hash of the object table of the firmware that recorded the samples */
   recorder_t ring;
   /* value of tick_count at the error; without an error, tick_count at the last call of
    * blackbox_follow() */
   uint32_t tick;
-  /* CRC-32 of the samples, oldest first; complete when `checked` has reached the last sample */
+  /* CRC-32 of the samples, beginning with the oldest sample; complete when `checked` has reached
+   * the last sample */
   uint32_t crc;
   uint32_t checked;
   uint32_t enabled_tick; /* tick_count of the last tick in which the axis was enabled */
@@ -55,14 +56,14 @@ typedef struct {
 void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
                    const recorder_channel_t channels[RECORDER_CHANNELS], uint16_t reset_error);
 
-/* Starts the recording of the black box. An error is detected by the signal `trigger`, which is
- * error_code. If the buffer has room for at most BLACKBOX_AFTER samples, the black box records
- * nothing. */
+/* Starts the recording of the black box. The black box detects an error by the channel `trigger`,
+ * which is the signal error_code. If the buffer has room for at most BLACKBOX_AFTER samples, the
+ * black box records nothing. */
 void blackbox_start(blackbox_t *blackbox, const recorder_channel_t channels[RECORDER_CHANNELS],
                     recorder_channel_t trigger);
 
-/* Stops the recording of the black box and discards an incident, because another module uses the
- * buffer now. */
+/* Stops the recording of the black box and discards an incident. Call this function before another
+ * module uses the buffer. */
 void blackbox_stop(blackbox_t *blackbox);
 
 static inline bool blackbox_is_recording(const blackbox_t *blackbox) {
@@ -74,8 +75,8 @@ static inline bool blackbox_has_incident(const blackbox_t *blackbox) {
   return blackbox->ring.signals.recorder_state == AXIS_RECORDER_STATE_DONE;
 }
 
-/* Samples the structure at `base` once, and notes an error that began in this tick. The function
- * needs as much time as a recording of RECORDER_CHANNELS channels. */
+/* Takes one sample of the structure at `base`, and stores an error that began in this tick. This
+ * takes as long as a tick of the recorder with RECORDER_CHANNELS channels. */
 static inline void blackbox_tick(blackbox_t *blackbox, const void *base, uint8_t fault,
                                  uint16_t error_code, uint32_t tick) {
   recorder_tick(&blackbox->ring, base);
@@ -92,8 +93,8 @@ static inline void blackbox_tick(blackbox_t *blackbox, const void *base, uint8_t
  * the axis was not enabled in the last second before the error. */
 void blackbox_follow(blackbox_t *blackbox, bool enabled, uint16_t error_code, uint32_t tick);
 
-/* Adds at most 16 bytes to the CRC of an incident; call this function between ticks. Returns true
- * when blackbox->crc is complete. */
+/* Adds at most 16 more bytes of the samples to the CRC of an incident. Call this function between
+ * ticks. Returns true when blackbox->crc is complete. */
 bool blackbox_check(blackbox_t *blackbox);
 
 /* Adopts an incident whose samples are already in the buffer, oldest sample first. The black box
@@ -101,11 +102,13 @@ bool blackbox_check(blackbox_t *blackbox);
 void blackbox_restore(blackbox_t *blackbox, uint32_t tick, uint16_t error_code, uint8_t fault,
                       uint16_t samples, uint16_t trigger_index);
 
-/* Returns the size in bytes of the samples of an incident in a buffer of the given size. */
+/* Returns the number of bytes that the samples of an incident need in a buffer of `buffer_bytes`
+ * bytes. */
 uint32_t blackbox_bytes(uint32_t buffer_bytes,
                         const recorder_channel_t channels[RECORDER_CHANNELS]);
 
-/* Shows the incident to clients as a completed recording of a recorder with the same buffer. */
+/* Shows the incident to clients as a completed recording of `recorder`, which uses the same
+ * buffer. */
 void blackbox_show(const blackbox_t *blackbox, recorder_t *recorder);
 
 #endif

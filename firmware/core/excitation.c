@@ -6,8 +6,8 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
   const uint32_t seed = params->excitation_seed;
   const int32_t period = params->excitation_period;
   if (start || (period != 0 && excitation->age_tick >= period)) {
-    /* A multiplication by 2^32 / golden ratio turns similar seeds into very different states of the
-     * generator. */
+    /* The multiplication by 2^32 divided by the golden ratio turns similar seeds into very
+     * different states of the noise generator. */
     excitation->random = seed * UINT32_C(2654435769);
     excitation->phase_q32 = seed * UINT32_C(65536);
     excitation->swept_q32 = 0;
@@ -24,8 +24,8 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
     return value;
   }
   if (excitation->held_tick == 0) {
-    /* Linear congruential generator with modulus 2^32 (Knuth). Only the upper 16 bits are
-     * sufficiently random. */
+    /* The noise generator is a linear congruential generator with modulus 2^32 (Knuth). Only the
+     * upper 16 bits of its state are sufficiently random. */
     excitation->random = excitation->random * UINT32_C(1664525) + UINT32_C(1013904223);
     excitation->held_tick = params->excitation_hold;
   }

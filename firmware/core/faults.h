@@ -24,8 +24,9 @@ static inline bool fault_exceeds(int32_t value, int32_t limit) {
  *   force_max        |force| > force_max, unless force_max is 0
  *   following_error  |position_error| > following_error_max in position mode, unless
  *                    following_error_max is 0
- * fault_detect_drive() follows. axis_tick() detects the fault sensor_invalid before both, in every
- * mode and before any use of a sensor value. The signals must be those of the present tick. */
+ * The faults of fault_detect_drive() are checked after these faults. axis_tick() checks
+ * sensor_invalid before all other faults, in every mode and before it uses a sensor value. The
+ * signals must be those of the present tick. */
 static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
                                    const axis_inputs_t *inputs) {
   const uint8_t both_switches =
@@ -52,16 +53,17 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
   return AXIS_FAULT_NONE;
 }
 
-/* Returns the fault (AXIS_FAULT_) of the drive or of an old value, in a tick with a mode.
- * The first condition that is true determines the fault:
+/* Returns the fault (AXIS_FAULT_) of a tick in which a mode other than disabled is requested: a
+ * fault of the drive, or a sensor value that is too old. The first condition that is true
+ * determines the fault:
  *   drive_fault      the drive reports a fault of its own
  *   drive_lost       the drive was on and is off
  *   drive_not_ready  the drive is off drive_on_ticks_max ticks after the amplifier was enabled
  *   position_old     position_age > position_age_max
  *   force_old        force_age > force_age_max
- * The first three need AXIS_DRIVE_REPORT_FITTED. While a fitted drive is off, the ages are not
- * checked, because no control law uses position and force. active_mode must be that of the previous
- * tick. */
+ * The first three faults need AXIS_DRIVE_REPORT_FITTED. While a fitted drive is off, the ages are
+ * not checked, because no control law uses the position or the force. active_mode must be the mode
+ * of the previous tick. */
 static inline uint8_t fault_detect_drive(const axis_t *axis, const axis_inputs_t *inputs) {
   const axis_params_t *params = &axis->params;
   if ((inputs->drive & AXIS_DRIVE_REPORT_FITTED) != 0 &&

@@ -23,7 +23,7 @@ static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS
   return y;
 }
 
-/* Sets a section to its steady state for the constant input x. */
+/* Sets a second-order section to its steady state for the constant input x. */
 static void settle(force_section_t *section, int32_t x) {
   section->x[0] = x;
   section->x[1] = x;

@@ -18,14 +18,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Version of the force law. Increase the version with every change of the code after which the same
- * bank gives different DAC codes. */
+/* Version of the force law. Increase this version with every change of this firmware that makes the
+ * force law compute other DAC codes from the same filter bank. */
 enum { FORCE_LAW_VERSION = 1 };
 
 enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 };
 
 typedef struct {
-  /* coefficients b0, b1, b2, a1, a2 of each section */
+  /* coefficients b0, b1, b2, a1, a2 of each second-order section */
   int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS];
   /* integral rate w of the bank in 1/tick, at most 1 */
   uint32_t integral_q26;
@@ -35,8 +35,8 @@ typedef struct {
 } force_bank_t;
 
 typedef struct {
-  /* x: inputs of the section in the two previous ticks, in 1/65536 count, the newer input first; y:
-   * outputs of the section in the same ticks */
+  /* inputs x and outputs y of the section in the two previous ticks, in 1/65536 count; the newer
+   * value is first */
   int32_t x[2];
   int32_t y[2];
   uint32_t remainder_q26; /* rounding remainder of the last output of the section, in 2^-42 count */
@@ -49,16 +49,17 @@ typedef struct {
   uint32_t integral_remainder_q26; /* rounding remainder of the integral, in 2^-42 code */
   /* number of the selected bank; with 0 the force law is law_force() with force_gain */
   uint8_t selected;
-  /* number of times that the active gain was halved; each half is rounded down */
+  /* number of times that the contact guard halved the active gain; each halved gain is rounded
+   * down */
   uint8_t halvings;
   /* gain of the bank before the contact guard halved it, in 1/256 code per count */
   uint16_t whole_gain_q8;
 } force_law_t;
 
-/* Conditions of the force law in one tick. `begins` is true in the first tick of the law. Then each
- * section with gain 1 at frequency 0 starts in the steady state of the present force error, and the
- * integral keeps its value. `up` permits the integral to rise, and `down` permits the integral to
- * fall. */
+/* Conditions of the force law in one tick. `begins` is true in the first tick of the law. In this
+ * tick each section whose gain at frequency 0 is 1 starts in the steady state for the present force
+ * error, and the integral keeps its value. If `up` is true, the integral may rise, and if `down` is
+ * true, it may fall. */
 typedef struct {
   bool begins;
   bool up;

@@ -34,14 +34,16 @@ static bool is_empty(const law_params_t *params, uint8_t bank) {
   return bits == 0;
 }
 
-/* Returns true if both poles of a section are inside the unit circle (stability triangle). */
+/* Returns true if both poles of a second-order section are inside the unit circle, which means that
+ * a1 and a2 are inside the stability triangle. */
 static bool is_stable(const int32_t section[FORCE_LAW_COEFFICIENTS]) {
   const int32_t a1 = section[3];
   const int32_t a2 = section[4];
   return a2 > -ONE_Q26 && a2 < ONE_Q26 && fx_magnitude(a1) < (uint32_t)(ONE_Q26 + a2);
 }
 
-/* Returns the gain a / b times as large, in Q16 codes per count. */
+/* Returns the product of a gain and a / b. The gain and the product are in Q16 DAC codes per
+ * count. */
 static int32_t times(int32_t gain_q16, uint32_t a, uint32_t b) {
   return (a == 0) ? 0 : fx_ratio_apply(gain_q16, fx_ratio(a, b, 0), 0);
 }
@@ -52,7 +54,8 @@ static bool is_too_steep(const law_params_t *params, uint8_t bank, uint8_t adc_b
   for (uint8_t i = 0; i < params->bank_sections[bank]; i++) {
     const int32_t *c = &coefficients_of(params, bank)[i * FORCE_LAW_COEFFICIENTS];
     direct_q16 = times(direct_q16, fx_magnitude(c[0]), (uint32_t)ONE_Q26);
-    /* z is -1 at half the tick rate. |b0| + |b1| + |b2| <= 3 * 2^30 needs at most 32 bits. */
+    /* At half the tick rate z is -1, so H is computed there from the sums of coefficients with
+     * alternating signs. |b0| + |b1| + |b2| <= 3 * 2^30 needs at most 32 bits. */
     const int64_t above = (int64_t)c[0] - c[1] + c[2];
     highest_q16 = times(highest_q16, (uint32_t)((above < 0) ? -above : above),
                         (uint32_t)(ONE_Q26 - c[3] + c[4]));
@@ -126,8 +129,8 @@ void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits) {
   }
 }
 
-/* Copies the selected bank into the force law, value by value: a copy of the complete structure
- * would call a library function. */
+/* Copies the selected bank into the force law. The values are copied one by one, because the
+ * compiler would call a library function to copy the complete structure. */
 static void put_in_force(const law_banks_t *banks, axis_t *axis, bool valid) {
   const law_params_t *params = &banks->params;
   const uint8_t number = params->force_bank;

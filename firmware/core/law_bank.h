@@ -1,10 +1,10 @@
 #ifndef FIRMWARE_CORE_LAW_BANK_H_
 #define FIRMWARE_CORE_LAW_BANK_H_
 
-/* Banks are stored settings of the force law. A master writes a bank value by value. Then the
- * firmware checks the complete bank, and force_bank selects the bank. The selected bank cannot be
- * written, so a master writes a new design to another bank. An incompletely written bank cannot be
- * selected, because its CRC is wrong. */
+/* Filter banks are stored settings of the force law. A master writes a bank value by value. Then
+ * the firmware checks the complete bank, and force_bank selects the bank. The selected bank cannot
+ * be written, so a master writes a new design to another bank. A bank that was not written
+ * completely cannot be selected, because its CRC is wrong. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -17,12 +17,12 @@ typedef struct {
   law_signals_t signals;
 } law_banks_t;
 
-/* Largest permitted change of the output at high frequency, in DAC codes, for a change of one code
- * of the force ADC. With a larger change of the output, the quantisation of the measured force
+/* Largest permitted change of the output at high frequency, in DAC codes, when the code of the
+ * force ADC changes by one. If the output changed more, the quantisation of the measured force
  * would cause a limit cycle. */
 enum { LAW_BANK_HF_CODES_MAX = 15 };
 
-/* Clears all banks and selects no bank. */
+/* Clears all banks. No bank is then selected. */
 void law_banks_init(law_banks_t *banks);
 
 /* Computes the CRC-32 of bank 0..3. The CRC covers all values of the bank except bank_crc, in the
@@ -41,9 +41,9 @@ uint32_t law_bank_crc(const law_params_t *params, uint8_t bank);
  *   valid       none of these conditions */
 uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bits);
 
-/* Checks whether a value within its range may be written to an object of the banks. Returns FW_OK.
- * Returns FW_ERROR_STATE if the object belongs to the selected bank, or if the value selects a bank
- * that is not valid. */
+/* Checks whether a value, which is within the range of the object, may be written to an object of
+ * the banks. Returns FW_OK. Returns FW_ERROR_STATE if the object belongs to the selected bank, or
+ * if the value selects a bank that is not valid. */
 int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value);
 
 /* Reacts to a write to an object of the banks: checks the bank to which the object belongs, and
@@ -51,8 +51,8 @@ int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value);
 void law_banks_written(law_banks_t *banks, axis_t *axis, uint16_t object);
 
 /* Reacts to the load of stored values: checks all banks and makes the selected bank the active
- * force law. If the selected bank is not valid, the function returns false, and the output of the
- * active force law is 0. */
+ * force law. If the selected bank is not valid, returns false, and the active force law then gives
+ * the output 0. */
 bool law_banks_loaded(law_banks_t *banks, axis_t *axis);
 
 /* Returns true if the selected bank is valid for an ADC with `adc_bits` bits. Also updates the

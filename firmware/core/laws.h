@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_CORE_LAWS_H_
 #define FIRMWARE_CORE_LAWS_H_
 
-/* The control laws are scalar functions of counts, without state.
+/* The control laws. Each law is a function without state that computes one command from values in
+ * counts.
  *
  * A law returns its command in 1/65536 DAC code without rounding. The command is limited to
  * LAW_MIN_Q16..LAW_MAX_Q16, one code beyond the range of the DAC on either side. So the command
@@ -19,13 +20,13 @@
 #define LAW_MIN_Q16 (LAW_MIN_Q8 * 256)
 #define LAW_MAX_Q16 (LAW_MAX_Q8 * 256)
 
-/* Largest position error, in counts, that the position law uses; a larger error acts as this value
- * (thesis 1.1.2, Fig 1.2). */
+/* Largest magnitude of the position error, in counts, that the position law uses. A larger error
+ * acts like this value (thesis 1.1.2, Fig 1.2). */
 #define LAW_POSITION_ERROR_MAX 32767
 
 /* Computes the measured force f = sign (adc - zero) - tare, in 1/256 of an 8-bit count for every
- * width of the ADC. One code of an ADC with n bits is 2^(16-n) of these units. Ranges: adc and zero
- * 0..65535, sign +1 or -1, bits 8..16, tare within +-65536. The result is exact and within
+ * width of the ADC. One code of an ADC with n bits is 2^(16-n) units of 1/256 count. Ranges: adc
+ * and zero 0..65535, sign +1 or -1, bits 8..16, tare within +-65536. The result is exact and within
  * +-2^25. */
 static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, int8_t sign,
                                         uint8_t adc_bits, int32_t tare_q8) {
@@ -46,10 +47,10 @@ static inline int32_t law_force(uint16_t gain_q8, int32_t setpoint_q8, int32_t f
   return fx_saturate(u_q16, LAW_MIN_Q16, LAW_MAX_Q16);
 }
 
-/* PD position control (thesis Fig 1.2): u = k_p e - k_d v. The position error e in counts is a
- * difference modulo 2^32, limited to +-LAW_POSITION_ERROR_MAX. The velocity v is in counts per
- * tick. k_p is in 1/256 code per count, k_d in 1/256 code per count/tick. The result is exact
- * within LAW_MIN_Q16..LAW_MAX_Q16 and saturates outside this range. */
+/* PD position control (thesis Fig 1.2): u = k_p e - k_d v. The position error e, in counts, is the
+ * difference of two positions modulo 2^32, limited to +-LAW_POSITION_ERROR_MAX. The velocity v is
+ * in counts per tick. k_p is in 1/256 code per count, k_d in 1/256 code per count/tick. The result
+ * is exact within LAW_MIN_Q16..LAW_MAX_Q16 and saturates outside this range. */
 static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_gain_q8,
                                    int32_t error_cnt, int32_t velocity_cnt) {
   const int32_t e = fx_clamp(error_cnt, -LAW_POSITION_ERROR_MAX, LAW_POSITION_ERROR_MAX);

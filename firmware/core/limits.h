@@ -11,7 +11,8 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* Returns the range of the codes that are in range a and in range b. Each range contains 0. */
+/* Returns the range of the DAC codes that are both in range a and in range b. Each of the two
+ * ranges contains 0. */
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};
@@ -22,14 +23,14 @@ static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
 /* Limits the command of a tick, in 1/65536 code, to the ranges that the drive has set. The range
  * free_codes applies only without contact. If latency_ticks is 1, the ranges of the tick that
  * computed the command apply too. Call this function only while axis->bounded is not 0. It is not
- * inline, so that ticks without such ranges use fewer registers. */
+ * inline, so a tick without such ranges uses fewer registers. */
 int32_t limits_bound(axis_t *axis, int32_t command_q16);
 int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
 
-/* Returns the output that is permitted for a command, both in 1/65536 code. The result is a whole
- * code or the command itself, and within -2048..2047 codes. Writes the active limit,
- * AXIS_LIMIT_REASON_, to *reason. If several limits are active, the last one in this list is the
- * reason:
+/* Returns the output that the limits permit for a command. Command and output are in 1/65536 code.
+ * The output is the command itself or a whole code, and is within -2048..2047 codes. Writes the
+ * active limit, AXIS_LIMIT_REASON_, to *reason. If several limits are active, the last one in this
+ * list is the reason:
  *   dac_saturation   the command is beyond -2048..2047 codes
  *   output_limit     the command is beyond +-output_limit, and output_limit is below 2048
  *   position_max     position > position_max, and the command is positive: the output becomes 0 and
@@ -40,8 +41,8 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
  *   limit_switch_neg the same for the negative limit switch and a negative command
  *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
  * The ranges of the drive act before these limits and set no reason. The command must be within
- * +-2^31 - 2^15; digital_inputs has AXIS_DIGITAL_INPUTS_ bits. The soft limits compare the counts
- * directly, so the encoder must not wrap. */
+ * +-2^31 - 2^15; digital_inputs has AXIS_DIGITAL_INPUTS_ bits. position_min and position_max are
+ * compared with the encoder count directly, so this count must not wrap. */
 static inline int32_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t command_q16, uint8_t *reason) {
   fx_assert(fx_magnitude(command_q16) <= UINT32_C(2147450880));
@@ -72,8 +73,8 @@ static inline int32_t limits_apply(const axis_params_t *params, int32_t position
   return (blocked != AXIS_LIMIT_REASON_NONE) ? 0 : limited;
 }
 
-/* Writes the reason drive_limit to *reason if no other limit is active and the report `drive`,
- * AXIS_DRIVE_REPORT_ bits, has a limit of a fitted drive. */
+/* Writes the reason drive_limit to *reason if no other limit is active and a fitted drive reports a
+ * limit. `drive` is the report of the drive as AXIS_DRIVE_REPORT_ bits. */
 static inline void limits_add_drive(uint8_t drive, uint8_t *reason) {
   const uint8_t limited = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_LIMIT;
   if ((drive & limited) == limited && *reason == AXIS_LIMIT_REASON_NONE) {

@@ -10,8 +10,8 @@
  * distance, the profile passes the target and returns, because the acceleration limit has priority.
  * The profile moves in the direction of the shorter distance modulo 2^32.
  *
- * While the distance to the target is more than 2^21 counts, the speed is limited to the largest
- * speed that can brake within 2^21 counts. */
+ * While the distance to the target is more than 2^21 counts, the profile moves at most with the
+ * speed from which it can stop within 2^21 counts. */
 
 #include <stdint.h>
 
@@ -23,7 +23,7 @@ typedef struct {
   int32_t velocity_q16;  /* velocity of the profile in Q16 counts per tick, |v| <= 2^27 */
 } profile_t;
 
-/* Sets the profile to standstill at a position in counts. */
+/* Sets the profile to standstill at the position `position_cnt`. */
 static inline void profile_set(profile_t *profile, int32_t position_cnt) {
   profile->position_q32 = fx_q32_from_cnt(position_cnt);
   profile->velocity_q16 = 0;

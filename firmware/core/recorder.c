@@ -33,13 +33,14 @@ void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *chann
   }
 }
 
-/* Converts a value of the trigger signal, so that an unsigned comparison of two values gives their
- * correct order. */
+/* Converts a value of the trigger signal. An unsigned comparison of two converted values gives the
+ * order of the signal values. */
 static uint32_t ordered(const recorder_t *recorder, int32_t value) {
   return (uint32_t)value ^ recorder->trigger_flip;
 }
 
-/* Derives trigger edge, mask and level from the parameters, once for all ticks of a recording. */
+/* Computes the edge, the mask and the level of the trigger from the parameters. This is done once
+ * for all ticks of a recording. */
 static void set_trigger(recorder_t *recorder, recorder_channel_t trigger) {
   const uint8_t edge = recorder->params.recorder_trigger_edge;
   const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
@@ -58,8 +59,8 @@ void recorder_prime(recorder_t *recorder, int32_t value) {
   recorder->trigger_primed = 1;
 }
 
-/* Asserts the invariants of a recording: it has room, its indices are within its capacity, and it
- * has no more samples than it can have. */
+/* Asserts the invariants of a recording: the buffer has room for a sample, the indices of samples
+ * are below the capacity, and the number of samples is at most the capacity. */
 static inline void assert_recording(const recorder_t *recorder) {
   const recorder_signals_t *signals = &recorder->signals;
   const uint32_t capacity = signals->recorder_capacity;
@@ -127,8 +128,9 @@ static void store_sample(recorder_t *recorder, const void *base) {
    * processor. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
   const recorder_channel_t *channel = recorder->channels;
-  /* Four bytes are copied for each value, and the next value overwrites the surplus bytes. This
-   * needs fewer instructions than a test of the width of each value. */
+  /* Four bytes are copied for each value of the sample. If a value has fewer bytes, the next value
+   * overwrites the surplus bytes. This needs fewer instructions than a check of the width of each
+   * value. */
   for (uint32_t left = recorder->wide_count; left != 0; left--) {
     fx_copy_4(to, (const uint8_t *)base + channel->offset);
     to += channel->bytes;
@@ -151,8 +153,8 @@ static void store_sample(recorder_t *recorder, const void *base) {
   }
 }
 
-/* Starts the recording after the trigger. The samples before the trigger are kept, and the rest of
- * the capacity remains for the samples after the trigger. */
+/* Starts the recording at the trigger. The samples before the trigger are kept, and the rest of the
+ * buffer remains for samples after the trigger. */
 static void start_recording(recorder_t *recorder) {
   recorder_signals_t *signals = &recorder->signals;
   signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CORE_RECORDER_H_
 #define FIRMWARE_CORE_RECORDER_H_
 
-/* The recorder samples up to 8 values of a structure, every `decimation` ticks, into a buffer of
- * the caller.
+/* The recorder. Every `decimation` ticks it copies up to 8 values of a structure as one sample into
+ * a buffer of the caller.
  *
  * States: idle -> armed -> recording -> done. In the state armed, new samples overwrite the oldest
  * samples until the trigger. In the state recording, samples fill the rest of the buffer. The
@@ -16,10 +16,10 @@
  * or after the trigger. If the trigger occurs before `pretrigger` samples were stored, the
  * recording has fewer samples before the trigger.
  *
- * For the edge excitation_start the caller passes the signal excitation_state to recorder_arm() as
- * the trigger. If the recorder is armed before the excitation starts, a sample after
- * recorder_trigger_index shows the waveform at the age of (index - recorder_trigger_index) *
- * decimation ticks. */
+ * For the trigger edge excitation_start, the caller passes the signal excitation_state to
+ * recorder_arm() as the trigger signal. If the recorder is armed before the excitation starts, a
+ * sample after recorder_trigger_index shows the waveform at the age of (index -
+ * recorder_trigger_index) * decimation ticks. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -43,17 +43,18 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
-  /* number of the first channels whose value can be copied as 4 bytes without leaving the sample */
+  /* number of channels, from the first one on, whose value can be copied as 4 bytes without writing
+   * beyond the end of the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
   /* 1 if trigger_previous is the value of the trigger signal in the last tick */
   uint8_t trigger_primed;
-  /* trigger_rising: a rising edge starts the recording; trigger_falling: a falling edge starts the
-   * recording */
+  /* trigger_rising: true if a rising edge starts the recording; trigger_falling: true if a falling
+   * edge starts the recording */
   bool trigger_rising;
   bool trigger_falling;
-  /* mask for the trigger level and the previous value, for the correct order in an unsigned
-   * comparison */
+  /* mask that converts a value of the trigger signal for an unsigned comparison; applied to
+   * trigger_level and trigger_previous */
   uint32_t trigger_flip;
   uint32_t trigger_level;
   uint32_t trigger_previous;
@@ -76,18 +77,19 @@ void recorder_init(recorder_t *recorder, void *buffer, uint32_t buffer_bytes);
 int recorder_arm(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count,
                  recorder_channel_t trigger);
 
-/* Sets the `count` channels of a recording, 1 to RECORDER_CHANNELS. */
+/* Sets the channels of a recording. Their number `count` is 1 to RECORDER_CHANNELS. */
 void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *channels, uint8_t count);
 
 /* Sets the previous value of the trigger signal before the first tick of an armed recorder, so that
  * the recorder detects an edge in the first tick. */
 void recorder_prime(recorder_t *recorder, int32_t value);
 
-/* Makes the recorder idle immediately. A completed recording can then no longer be read. */
+/* Makes the recorder idle immediately. A recording that was completed before can then no longer be
+ * read. */
 void recorder_stop(recorder_t *recorder);
 
-/* Computes one tick of the recorder: samples the structure at `base`. The function may read up to 3
- * bytes beyond the end of a value. */
+/* Computes one tick of the recorder for the structure at `base`. The function may read up to 3
+ * bytes beyond the end of each value. */
 void recorder_tick(recorder_t *recorder, const void *base);
 
 /* Reads the sample `index` of a completed recording into values[0..channel_count-1]; index 0 is the
@@ -95,8 +97,8 @@ void recorder_tick(recorder_t *recorder, const void *base);
  * the recording is not complete or has no sample with this index. */
 int recorder_read(const recorder_t *recorder, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 
-/* Reads up to `count` bytes of a completed recording from the byte offset `offset`, oldest sample
- * first. Returns the number of bytes read. */
+/* Copies up to `count` bytes of a completed recording into `bytes`, from the byte offset `offset`
+ * on. The recording begins with the oldest sample. Returns the number of bytes read. */
 uint32_t recorder_bytes(const recorder_t *recorder, uint32_t offset, uint8_t *bytes,
                         uint32_t count);
 

@@ -29,17 +29,19 @@ static uint8_t phase_of(const cycle_curve_point_t *point) {
   return (uint8_t)fx_field((uint32_t)point->force_phase, 0, FORCE_BIT);
 }
 
-/* Returns twice a step, at most UINT32_MAX. */
+/* Returns the doubled step of a curve, at most UINT32_MAX. */
 static uint32_t doubled(uint32_t step) {
   const uint32_t twice = step + step;
   return (twice < step) ? UINT32_MAX : twice;
 }
 
-/* Keeps one point of each pair of points, and doubles the steps. */
+/* Thins a curve: keeps one point of each two consecutive points, and doubles the steps of the
+ * curve. */
 static void thin(cycle_curve_t *curve) {
   cycle_curve_point_t *points = curve->points;
   uint32_t kept = 0;
-  uint8_t phase = phase_of(points); /* phase of the point before the two compared points */
+  /* number of the phase of the point before the two compared points */
+  uint8_t phase = phase_of(points);
   for (uint32_t i = 0; i < curve->count; i += 2) {
     const uint32_t second = (i + 1 < curve->count) ? i + 1 : i;
     const uint8_t first_phase = phase_of(&points[i]);
@@ -72,7 +74,8 @@ static uint32_t change_of(int32_t now, int32_t before) {
   return fx_magnitude(fx_diff_wrap(now, before));
 }
 
-/* Returns true if a sample differs from the last point by a step, or has another phase. */
+/* Returns true if a sample must become a point: it differs from the last point by a step, or has
+ * another phase. */
 static bool is_due(const cycle_curve_t *curve, const cycle_curve_point_t *now) {
   const cycle_curve_point_t *last = &curve->points[curve->count - 1];
   const int32_t force = fx_floor_shift(now->force_phase, FORCE_BIT);

@@ -1,38 +1,38 @@
 #ifndef FIRMWARE_CYCLE_CURVE_H_
 #define FIRMWARE_CYCLE_CURVE_H_
 
-/* The curve of a cycle: points of force over travel and time, in a memory that the caller gives.
+/* The curve of a press cycle: points with force, travel and time, in memory of the caller.
  *
  *   cycle_curve_begin()   at the start of a cycle; the curve of the cycle before it is lost
  *   cycle_curve_take()    with each sample of the cycle, between ticks
  *   cycle_curve_end()     after the last sample
  *
- * A sample becomes a point if it is the first or the last one, if its phase is not that of the last
- * point, or if it differs from the last point by a step of travel, of force or of time, whichever
- * comes first. A step of 0 is not used.
+ * The first and the last sample of the cycle become points. Any other sample becomes a point if its
+ * phase differs from the phase of the last point, or if its travel, force or time differs from the
+ * last point by at least the step of this quantity. A step of 0 is not used.
  *
- * The curve has all of the cycle: where a point has no room, the curve is thinned. Of each two
- * points the first one stays, and every step that is used is doubled. If only the second of the two
- * begins a phase, the second one stays, so a change of phase keeps its place. The first and the
- * last sample are always points.
+ * The curve always contains the whole cycle. If a point has no room in the memory, the curve is
+ * thinned: of each two points the first point stays, and every step that is used is doubled. If
+ * only the second of the two points begins a phase, the second point stays, so the begin of a phase
+ * is not moved.
  *
- * The travel is that of the samples: in a cycle it is the depth (program.h), measured from travel 0
- * of the program. The offset of the program is subtracted from the force. The points before travel
- * 0 was found change by the same number of counts when it is found, so every point has the same
- * zero.
+ * The travel of a point is the travel of its sample. In a cycle this travel is the depth
+ * (program.h), measured from travel 0 of the program. The offset of the program is subtracted from
+ * the force. When travel 0 is found, the same number of counts is subtracted from the travel of all
+ * earlier points, so all points have the same zero.
  *
- * Cost on a Cortex-M4: at most 60 instructions for a sample. Once in a cycle, when travel 0 is
- * found, 6 more for each point; each time the curve is thinned, 13 for each point: 13,000 with
- * 1,000 points, some 0.1 ms. */
+ * Cost on a Cortex-M4: at most 60 instructions for a sample. When travel 0 is found, 6 more
+ * instructions for each point, once in a cycle. Each time the curve is thinned, 13 instructions for
+ * each point: with 1,000 points 13,000 instructions, or some 0.1 ms. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/cycle/element.h"
 
-/* One point: 12 bytes, the lowest byte of a number first. */
+/* One point of a curve. It has 12 bytes, and the lowest byte of each number is first. */
 typedef struct {
-  uint32_t time;       /* number of the tick in the cycle, from 1 */
+  uint32_t time;       /* number of the tick since the start of the cycle; the first tick is 1 */
   int32_t travel;      /* encoder counts */
   int32_t force_phase; /* measured force in 1/256 count, times 256, plus the number of the phase */
 } cycle_curve_point_t;
