@@ -3,9 +3,9 @@
 
 /* The curve of a press cycle: points with force, travel and time, in memory of the caller.
  *
- *   cycle_curve_begin()   at the start of a cycle; the curve of the cycle before it is lost
+ *   cycle_curve_begin()   at the start of a cycle; the curve of the previous cycle is lost
  *   cycle_curve_take()    with each sample of the cycle, between ticks
- *   cycle_curve_end()     after the last sample
+ *   cycle_curve_end()     after the last sample of the cycle
  *
  * The first and the last sample of the cycle become points. Any other sample becomes a point if its
  * phase differs from the phase of the last point, or if its travel, force or time differs from the
@@ -33,7 +33,7 @@
 /* One point of a curve. It has 12 bytes, and the lowest byte of each number is first. */
 typedef struct {
   uint32_t time;       /* number of the tick since the start of the cycle; the first tick is 1 */
-  int32_t travel;      /* encoder counts */
+  int32_t travel;      /* travel in encoder counts */
   int32_t force_phase; /* measured force in 1/256 count, times 256, plus the number of the phase */
 } cycle_curve_point_t;
 
@@ -41,37 +41,38 @@ typedef struct {
 enum { CYCLE_CURVE_POINTS = 1000 };
 
 typedef struct {
-  uint32_t travel; /* encoder counts */
-  uint32_t force;  /* 1/256 count */
-  uint32_t time;   /* ticks */
+  uint32_t travel; /* step of the travel in encoder counts */
+  uint32_t force;  /* step of the force in 1/256 count */
+  uint32_t time;   /* step of the time in ticks */
 } cycle_curve_steps_t;
 
 typedef struct {
   cycle_curve_point_t *points;
   uint32_t bytes;      /* size of the memory in bytes; 0: no curve is recorded */
-  uint32_t count;      /* number of points */
-  uint32_t begin_tick; /* tick of time 0 */
+  uint32_t count;      /* number of points of the curve */
+  uint32_t begin_tick; /* tick in which the time of the curve is 0 */
   cycle_curve_steps_t steps;
   cycle_curve_point_t last; /* the last sample; valid only if the curve has a point */
   uint8_t thinned;          /* number of times that the curve was thinned, at most 255 */
-  uint8_t zeroed;           /* 1 from travel 0 on */
+  uint8_t zeroed;           /* 1 after travel 0 was found */
 } cycle_curve_t;
 
-/* Sets an empty curve. `memory` begins at a multiple of 4. Without memory for two points there is
- * no curve. */
+/* Sets an empty curve. `memory` begins at a multiple of 4. If the memory has no room for two
+ * points, no curve is recorded. */
 void cycle_curve_init(cycle_curve_t *curve, void *memory, uint32_t bytes);
 
 /* Begins the curve of a cycle that starts in tick begin_tick. */
 void cycle_curve_begin(cycle_curve_t *curve, const cycle_curve_steps_t *steps, uint32_t begin_tick);
 
-/* Adds a sample to the curve. zero_travel: travel from the start of the cycle to travel 0, once
- * travel 0 was found. */
+/* Adds a sample to the curve. `zero_travel` is the travel from the start of the cycle to travel 0;
+ * it is used only after travel 0 was found. */
 void cycle_curve_take(cycle_curve_t *curve, const cycle_sample_t *sample, int32_t zero_travel);
 
 /* Adds the last sample as a point, unless it already is one. */
 void cycle_curve_end(cycle_curve_t *curve);
 
-/* Copies up to `count` bytes of the points from `offset` on. Returns the number of bytes. */
+/* Copies up to `count` bytes of the points of the curve, from the byte offset `offset` on. Returns
+ * the number of copied bytes. */
 uint32_t cycle_curve_bytes(const cycle_curve_t *curve, uint32_t offset, uint8_t *bytes,
                            uint32_t count);
 

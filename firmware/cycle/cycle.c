@@ -8,7 +8,8 @@ static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
 
-/* Stores the measured force minus the offset of the program, limited to the range of a sample. */
+/* Subtracts the offset of the program from the measured force. Stores the result, limited to the
+ * range of a sample. */
 static void take_force(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->force_q8 = within_force(fx_diff_wrap(now->force_q8, cycle->offset_q8));
 }
@@ -80,20 +81,22 @@ void cycle_end(cycle_t *cycle, uint8_t outcome) {
   end(cycle);
 }
 
-/* Returns the deflection of the press at a force, from which the offset was subtracted. */
+/* Returns the deflection of the press at the force `force_q8`. The offset must already be
+ * subtracted from this force. */
 static int32_t deflection_at(const cycle_header_t *program, int32_t force_q8) {
   return (program->compliance == 0)
              ? 0
              : cycle_table_at(cycle_points(program), program->compliance, force_q8);
 }
 
-/* Returns the depth for a travel. Its magnitude exceeds CYCLE_TRAVEL_MAX by at most
- * CYCLE_TABLE_Y_MAX. */
+/* Returns the depth that belongs to a travel and a force. The magnitude of the depth is at most
+ * CYCLE_TRAVEL_MAX + CYCLE_TABLE_Y_MAX. */
 static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t force_q8) {
   return travel - deflection_at(program, force_q8);
 }
 
-/* Makes the position of a sample travel 0, from which the travel of the cycle is measured. */
+/* Sets travel 0 so that the depth at this sample is 0. The travel of the cycle is measured from
+ * travel 0. */
 static void set_zero(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, cycle->force_q8));
   cycle->depth = 0;
@@ -215,7 +218,7 @@ static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   return cycle->depth;
 }
 
-/* Conditions of a travel. */
+/* Returns true if a condition on the travel or on the depth is met. */
 static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
                           const cycle_inputs_t *now) {
   switch (condition->when) {
@@ -228,8 +231,8 @@ static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
   }
 }
 
-/* Returns true if a condition can be met in this tick: either the sample is valid, or the condition
- * needs no sample. */
+/* Returns true if a condition of the kind `when` can be met in this tick: the sample is valid, or a
+ * condition of this kind needs no sample. */
 static bool has_sample(const cycle_t *cycle, uint8_t when, const cycle_inputs_t *now) {
   return now->defects == CYCLE_SAMPLE_VALID || when == CYCLE_TIME || when == CYCLE_INPUT_ON ||
          when == CYCLE_INPUT_OFF || (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
@@ -281,8 +284,9 @@ static void count_invalid(cycle_t *cycle) {
   cycle->invalid_ticks += 1;
 }
 
-/* A force at the end of its range may in truth be larger, so it is treated as larger than
- * force_max. */
+/* Returns the limit of the phase that is exceeded in this tick, or CYCLE_BY_PROGRAM. A measured
+ * force at the end of its range counts as larger than force_max, because the true force may be
+ * larger. */
 static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
                         const cycle_inputs_t *now) {
   if ((now->defects & CYCLE_SAMPLE_AT_END) != 0) {
@@ -297,8 +301,8 @@ static uint8_t limit_of(const cycle_t *cycle, const cycle_phase_t *phase,
   return (cycle->phase_ticks > phase->time_max) ? CYCLE_OVER_TIME : CYCLE_BY_PROGRAM;
 }
 
-/* Adds a sample to the tare, and ends the tare with its last sample. Returns why the tare fails, or
- * CYCLE_BY_PROGRAM. */
+/* Adds a sample to the tare measurement, and ends this measurement with its last sample. Returns
+ * the reason why the tare fails (CYCLE_TARE_), or CYCLE_BY_PROGRAM if it does not fail. */
 static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   if (now->contact != 0) {
     return CYCLE_TARE_CONTACT;
@@ -327,8 +331,8 @@ static uint8_t measure_tare(cycle_t *cycle, const cycle_phase_t *phase, const cy
   return CYCLE_BY_PROGRAM;
 }
 
-/* Returns the limit of the phase that is exceeded, or the reason why its tare fails, or
- * CYCLE_BY_PROGRAM. */
+/* Returns the outcome of a failure in this tick: the exceeded limit of the phase, or the reason why
+ * the tare of the phase fails. Returns CYCLE_BY_PROGRAM if nothing fails. */
 static uint8_t failure_of(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   const uint8_t limit = limit_of(cycle, phase, now);
   if (phase->action != CYCLE_TARE || cycle->target != CYCLE_TARGET_OPEN) {
@@ -340,7 +344,7 @@ static uint8_t failure_of(cycle_t *cycle, const cycle_phase_t *phase, const cycl
   return measure_tare(cycle, phase, now);
 }
 
-/* Continues with a phase, or ends the cycle. */
+/* Begins the phase with the number `next`. If `next` is CYCLE_END, ends the cycle. */
 static void go_on(cycle_t *cycle, uint8_t next, const cycle_inputs_t *now) {
   if (next == CYCLE_END) {
     end(cycle);
@@ -349,8 +353,9 @@ static void go_on(cycle_t *cycle, uint8_t next, const cycle_inputs_t *now) {
   }
 }
 
-/* The first exceeded limit determines the outcome, and the cycle continues with the reaction of the
- * phase. A second exceeded limit ends the cycle. */
+/* Acts on an exceeded limit. The first exceeded limit determines the outcome of the cycle, and the
+ * cycle continues with the phase `reaction` of the present phase. A second exceeded limit ends the
+ * cycle. */
 static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   const bool is_first = cycle->outcome == CYCLE_BY_PROGRAM;
   if (is_first) {
@@ -370,8 +375,9 @@ static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
   return (level > 0) ? cycle->force_q8 >= level : cycle->force_q8 <= level;
 }
 
-/* Ends the present section of travel (stiffness_travel) if it is complete, and begins the next one.
- * For a section in the negative direction, the signs of both changes are inverted. */
+/* The stiffness is measured over sections of the travel (stiffness_travel). If the present section
+ * is complete, stores its changes of force and travel, and begins the next section. For a section
+ * in the negative direction, the signs of both changes are inverted. */
 static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inputs_t *now) {
   const int32_t travel = travel_of(now, cycle->section_cnt);
   if (fx_magnitude(travel) >= section) {
@@ -383,8 +389,8 @@ static void measure_stiffness(cycle_t *cycle, uint32_t section, const cycle_inpu
   }
 }
 
-/* Continues with the phase that the first fulfilled condition names. Returns false if no condition
- * is fulfilled. */
+/* Finds the first condition of the phase that is met, and begins the next phase of this condition.
+ * Returns false if no condition is met. */
 static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   uint16_t *taken = cycle->taken[cycle->phase];
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
@@ -400,8 +406,9 @@ static bool take_condition(cycle_t *cycle, const cycle_phase_t *phase, const cyc
   return false;
 }
 
-/* Asserts the invariants of a cycle that has begun: it is in a phase of its program, its force is
- * in the range of a sample, and after its end only those outputs are on that the program keeps. */
+/* Asserts the invariants of a cycle that has begun: the cycle is in a phase of its program, and the
+ * force is within the range of a sample. After the end of the cycle only outputs of outputs_keep
+ * are on. */
 static inline void assert_begun(const cycle_t *cycle) {
   const cycle_header_t *program = cycle->program;
   fx_assert(program != NULL && cycle->phase < program->phases);

@@ -4,14 +4,16 @@
 #include "firmware/fx/fx.h"
 
 enum { FOUND = 1, FOUND_2 = 2, UNDER = 1, OVER = 2 };
-/* Largest sum of the element WORK, times 2, in 1/256 force count times encoder count. */
+/* Twice the largest sum of the element WORK. The unit is 1/256 count of force times one encoder
+ * count. */
 #define SUM_MAX ((int64_t)INT32_MAX * 512)
 
 static bool is_ordered(int32_t least, int32_t most, int32_t bound) {
   return least <= most && fx_within(least, bound) && fx_within(most, bound);
 }
 
-/* Returns true if a curve of points rises in x and covers the range of the element. */
+/* Returns true if x rises from each point of an envelope's curve to the next, and the curve covers
+ * the x range of the element. */
 static bool is_curve(const cycle_element_t *element, const cycle_point_t *points, uint8_t count) {
   return count >= 2 && points[0].x <= element->x_least && points[count - 1].x >= element->x_most &&
          cycle_points_are_valid(points, count, INT32_MAX, CYCLE_TRAVEL_MAX, CYCLE_FORCE_MAX_Q8);
@@ -37,7 +39,8 @@ static bool has_window(const cycle_element_t *element) {
          element->enters != 0 && element->enters <= sides && element->leaves <= sides;
 }
 
-/* Conditions that every kind of evaluation element must meet. */
+/* Returns true if an element meets the conditions for all kinds of evaluation elements. It
+ * evaluates at least one phase, its flags are 0 or 1, and its x range is in order. */
 static bool has_curve(const cycle_element_t *element) {
   return element->phases != 0 && element->over_time <= 1 && element->of_force <= 1 &&
          element->reserved == 0 && element->reserved_2 == 0 &&
@@ -63,7 +66,8 @@ bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t 
 }
 
 void cycle_element_begin(cycle_element_state_t *state) {
-  /* Each field is set alone: for a complete structure the compiler would call memset. */
+  /* Each field is set separately, because the compiler would call memset for the complete
+   * structure. */
   state->sum = 0;
   state->begin_tick = 0;
   state->last_tick = 0;
@@ -97,13 +101,14 @@ static void find(cycle_element_state_t *state, int32_t value, uint32_t tick) {
 
 static void count_up(uint8_t *number) { *number = (uint8_t)(*number + (*number < UINT8_MAX)); }
 
-/* The line of the curve that ends with the present sample. */
+/* The straight line of the curve between the previous sample and the present sample. */
 typedef struct {
   int32_t x0, y0, x1, y1;
 } line_t;
 
-/* Returns true if this is the crossing of the level that the element evaluates (its ordinal, such
- * as the second one), and returns the value at the crossing. */
+/* Counts a crossing of the level by this line. Returns true if it is the crossing that the element
+ * evaluates, for example the second one (`ordinal`), and then stores the value at the crossing in
+ * *value. */
 static bool crosses(const cycle_element_t *element, const line_t *line, int32_t level,
                     uint8_t *number, int32_t *value) {
   const bool of_force = element->of_force != 0;
@@ -169,7 +174,8 @@ static void take_window_line(const cycle_element_t *element, cycle_element_state
   }
 }
 
-/* Evaluates the line that ends at this sample, for the kinds that use lines. */
+/* Evaluates the line that ends at the present sample, for the kinds of elements that evaluate
+ * lines. */
 static void take_line(const cycle_element_t *element, cycle_element_state_t *state,
                       const line_t *line, uint32_t tick) {
   switch (element->kind) {
@@ -188,8 +194,8 @@ static void take_line(const cycle_element_t *element, cycle_element_state_t *sta
   }
 }
 
-/* Returns the force of an envelope's curve at x, rounded so that the curve does not permit more
- * than its points. */
+/* Returns the force of an envelope's curve at x. `rounding` makes the permitted range of forces
+ * smaller, never larger. */
 static int32_t force_at(const cycle_point_t *points, uint8_t count, int32_t x, uint8_t rounding) {
   const cycle_point_t *line = &points[cycle_line_at(points, count, x)];
   return fx_interpolate(line[0].x, line[0].y, line[1].x, line[1].y, x, rounding);
@@ -213,7 +219,8 @@ static void take_envelope(const cycle_element_t *element, const cycle_point_t *p
   }
 }
 
-/* Keeps the largest (PEAK) or smallest (VALLEY) force, of equal forces the first. */
+/* Keeps the largest force (PEAK) or the smallest force (VALLEY) so far. If two forces are equal,
+ * the first one stays. */
 static void take_extreme(const cycle_element_t *element, cycle_element_state_t *state,
                          const cycle_sample_t *sample, int32_t x) {
   const int32_t y = sample->force_q8;
@@ -223,7 +230,7 @@ static void take_extreme(const cycle_element_t *element, cycle_element_state_t *
   }
 }
 
-/* Evaluates this sample, for the kinds that use single samples. */
+/* Evaluates the present sample, for the kinds of elements that evaluate single samples. */
 static void take_sample(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample, int32_t x) {
   switch (element->kind) {
@@ -248,7 +255,8 @@ static void take_sample(const cycle_element_t *element, const cycle_point_t *poi
   }
 }
 
-/* If the curve begins inside the window, it has entered the window through no side. */
+/* Begins a piece of the curve. If the piece begins inside the window, it counts as an entry through
+ * a wrong side. */
 static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state,
                         const cycle_sample_t *sample) {
   if (element->kind == CYCLE_WINDOW && state->inside != 0) {
@@ -258,7 +266,7 @@ static void begin_piece(const cycle_element_t *element, cycle_element_state_t *s
   }
 }
 
-/* Returns x of a sample. */
+/* Returns the x value of a sample: its travel, or the time since the element began. */
 static int32_t x_of(const cycle_element_t *element, const cycle_element_state_t *state,
                     const cycle_sample_t *sample) {
   if (element->over_time == 0) {
@@ -267,7 +275,8 @@ static int32_t x_of(const cycle_element_t *element, const cycle_element_state_t 
   return fx_clamp(fx_s32_from_u32(sample->tick - state->begin_tick), 0, CYCLE_TRAVEL_MAX);
 }
 
-/* Returns true if a line of the curve ends with this sample. */
+/* Returns true if a line leads from the previous sample to this sample, so that no new piece of the
+ * curve begins. */
 static bool continues(const cycle_element_t *element, const cycle_element_state_t *state,
                       const cycle_sample_t *sample) {
   return state->has_sample != 0 && sample->tick - state->last_tick == 1 &&

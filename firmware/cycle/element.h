@@ -1,14 +1,15 @@
 #ifndef FIRMWARE_CYCLE_ELEMENT_H_
 #define FIRMWARE_CYCLE_ELEMENT_H_
 
-/* Evaluation elements: each computes one figure of the curve of a cycle and compares the figure
- * with its bounds, from one sample a tick and without a buffer.
+/* Evaluation elements. Each element computes one value from the curve of a cycle, and compares this
+ * value with its bounds. It takes one sample in each tick and needs no buffer.
  *
  * The curve is force over x, where x is the travel or the time since the element began. It consists
- * of straight lines between the samples of consecutive ticks, all in phases of the element. Where
- * the phases are left and entered again a new piece begins, and no line joins two pieces. A tick
- * that is missing or not valid and, over the travel, travel 0 also begin a piece. All comparisons
- * are exact, and every interpolated value is rounded once, half up.
+ * of straight lines between the samples of consecutive ticks, all in phases of the element. If the
+ * phases of the element are left and entered again, a new piece of the curve begins, and no line
+ * joins two pieces. A new piece also begins after a missing tick and after a sample that is not
+ * valid. If x is the travel, travel 0 also begins a new piece. All comparisons are exact, and every
+ * interpolated value is rounded once, half up.
  *
  *   cycle_element_begin(&state);
  *   in each tick of the cycle: cycle_element_take(element, points, &state, &sample);
@@ -22,35 +23,37 @@
 #include "firmware/cycle/table.h"
 #include "firmware/cycle/window.h"
 
-/* Largest magnitudes of a sample: force in 1/256 count at 8 bits, travel in encoder counts. A
- * cycle limits larger values to these. */
+/* Largest magnitudes of the values of a sample: force in 1/256 of an 8-bit count, and travel in
+ * encoder counts. A cycle limits larger values to these magnitudes. */
 #define CYCLE_FORCE_MAX_Q8 INT32_C(131071)
 #define CYCLE_TRAVEL_MAX CYCLE_TABLE_X_MAX
 
 typedef struct {
-  uint32_t tick;    /* number of the tick of this sample, which may wrap */
+  uint32_t tick;    /* number of the tick of this sample; the number may wrap */
   int32_t travel;   /* depth (program.h) in encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
-  uint8_t zeroed;   /* 1 from the sample at travel 0 on, at which the travel is set to 0 */
+  uint8_t zeroed;   /* 1 from the sample on at which the travel was set to 0 */
   uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: all evaluation elements ignore
                      * the sample */
 } cycle_sample_t;
 
 /* The kinds of evaluation elements, each with the value that is compared with y_least and y_most.
- *   PEAK, VALLEY  largest and smallest force of the samples with x in x_least..x_most
- *   AT            the force where x crosses `level`, or x where the force crosses it
- *   DIFFERENCE    the value of AT at level_2, less that at `level`
- *   WORK          the sum of force times the change of x over the lines with both ends in
- *                 x_least..x_most, in counts of force times counts (ticks), rounded half up
- *   LAST          force of the last sample, whose x has to be in x_least..x_most
- *   WINDOW        number of entries into the window x_least..x_most, y_least..y_most, with its
- *                 sides. The curve has to enter it once, through a side of `enters`, and to leave
- *                 it once, through a side of `leaves`, or not to leave it if `leaves` is 0. The
- *                 window contains its sides, and a corner belongs to the left or right side. A
+ *   PEAK, VALLEY  largest force, and smallest force, of the samples with x in x_least..x_most
+ *   AT            force at which x crosses `level`, or x at which the force crosses `level`
+ *   DIFFERENCE    the value of AT at level_2 minus the value of AT at `level`
+ *   WORK          sum of force times change of x, over the lines of the curve with both ends in
+ *                 x_least..x_most. Its unit is one count of force times one count (or one tick) of
+ *                 x; the sum is rounded half up
+ *   LAST          force of the last sample, whose x must be in x_least..x_most
+ *   WINDOW        number of entries of the curve into the window x_least..x_most, y_least..y_most.
+ *                 The curve must enter the window once, through a side of `enters`, and leave it
+ *                 once, through a side of `leaves`. If `leaves` is 0, the curve must not leave it.
+ *                 The window contains its sides, and a corner belongs to the left or right side. A
  *                 curve that begins in the window has not entered through a side.
- *   ENVELOPE      smallest distance of the samples with x in x_least..x_most from two curves of
- *                 points, below and above; negative outside. y_least and y_most are not used. */
+ *   ENVELOPE      smallest distance of the samples with x in x_least..x_most from the lower and the
+ *                 upper curve of the envelope; negative if a sample is outside the envelope.
+ *                 y_least and y_most are not used */
 enum {
   CYCLE_PEAK = 0,
   CYCLE_VALLEY = 1,
@@ -63,24 +66,27 @@ enum {
   CYCLE_KINDS = 8
 };
 
-/* A crossing is rising where a line begins below the level and ends at or above it, and falling
- * where the line begins at or above the level and ends below it. */
+/* Directions of a crossing. A crossing is rising if the line begins below the level and ends at or
+ * above the level. It is falling if the line begins at or above the level and ends below the
+ * level. */
 enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
 
 typedef struct {
   uint8_t kind;
   uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
   uint16_t phases;   /* set of the phases whose samples the element evaluates */
-  uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses it */
+  uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses the level */
   uint8_t direction; /* AT, DIFFERENCE: direction of the crossings that are counted */
-  uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing, from 1 */
+  uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing that is evaluated, from 1 */
   uint8_t enters;    /* WINDOW: sides through which the curve may enter */
   uint8_t leaves;    /* WINDOW: sides through which the curve may leave; 0: the curve must end in
                       * the window */
   uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
-  uint8_t upper;    /* ENVELOPE: number of points of the upper curve, which follow the lower ones */
+  /* ENVELOPE: number of points of the upper curve, which follow the points of the lower curve */
+  uint8_t upper;
   uint8_t reserved; /* 0 */
-  uint16_t first;   /* ENVELOPE: index of its first point among the points of the program */
+  /* ENVELOPE: index of the first point of the envelope among the points of the program */
+  uint16_t first;
   uint16_t reserved_2; /* 0 */
   int32_t x_least;
   int32_t x_most;
@@ -94,13 +100,13 @@ typedef struct {
  * value. */
 enum {
   CYCLE_GOOD = 0,
-  CYCLE_BELOW = 1,       /* the value is below y_least, or the curve below the envelope */
-  CYCLE_ABOVE = 2,       /* the value is above y_most, or the curve above the envelope */
-  CYCLE_WRONG_SIDE = 3,  /* WINDOW: the curve crossed another side; LAST: x is outside of its
-                          * bounds */
-  CYCLE_AGAIN = 4,       /* WINDOW: the curve entered or left more than once */
-  CYCLE_NOT_REACHED = 5, /* there is no value: no sample, no crossing, or a curve that ended too
-                          * early */
+  CYCLE_BELOW = 1,      /* the value is below y_least, or the curve below the envelope */
+  CYCLE_ABOVE = 2,      /* the value is above y_most, or the curve above the envelope */
+  CYCLE_WRONG_SIDE = 3, /* WINDOW: the curve crossed another side; LAST: x is outside of its
+                         * bounds */
+  CYCLE_AGAIN = 4,      /* WINDOW: the curve entered or left more than once */
+  /* there is no value: no sample, no crossing, or the curve ended too early */
+  CYCLE_NOT_REACHED = 5,
   CYCLE_ABORTED = 6,
   CYCLE_VERDICTS = 7
 };
@@ -109,7 +115,7 @@ typedef struct {
   int64_t sum;         /* WORK: twice the sum in 1/256 count times counts or ticks */
   uint32_t begin_tick; /* tick of the first sample of the element */
   uint32_t last_tick;
-  uint32_t found_tick; /* tick of the value */
+  uint32_t found_tick; /* tick of the sample that gave the value */
   int32_t x;           /* x of the last sample */
   int32_t y;
   int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all evaluated samples */
@@ -117,34 +123,38 @@ typedef struct {
   int32_t value;
   int32_t value_2;     /* DIFFERENCE: value at the crossing of level_2 */
   uint8_t has_sample;  /* 1 after the first sample */
-  uint8_t found;       /* bits: 1 the value, 2 value_2 */
-  uint8_t crossings;   /* number of crossings of `level`, at most 255 */
-  uint8_t crossings_2; /* number of crossings of level_2 */
-  uint8_t entries;     /* WINDOW: number of times that the curve entered the window, at most 255;
-                        * `exits` likewise */
+  uint8_t found;       /* bits: 1 if `value` was found, 2 if value_2 was found */
+  uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
+  uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */
+  /* WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of
+   * times that it left the window */
+  uint8_t entries;
   uint8_t exits;
-  uint8_t wrong_side; /* WINDOW: 1 if the curve crossed a side that is not permitted; ENVELOPE: 1 if
-                       * it was below, 2 if above */
-  uint8_t inside;     /* WINDOW: 1 if the last sample is in the window */
-  uint8_t zeroed;     /* `zeroed` of the last sample */
+  /* WINDOW: 1 if the curve crossed a side that is not permitted; ENVELOPE: 1 if the curve was below
+   * the envelope, 2 if above it */
+  uint8_t wrong_side;
+  uint8_t inside; /* WINDOW: 1 if the last sample is in the window */
+  uint8_t zeroed; /* value of `zeroed` in the last sample */
 } cycle_element_state_t;
 
 typedef struct {
-  int32_t value;       /* 0 if there is no value */
-  uint32_t found_tick; /* tick of the sample, or of the end of the line, that gave the value */
+  int32_t value; /* value that is compared with y_least and y_most; 0 if there is no value */
+  /* tick of the sample that gave the value; for a line, tick of the sample at its end */
+  uint32_t found_tick;
   uint8_t verdict;
 } cycle_element_result_t;
 
-/* Returns true if an element can be evaluated with `count` points: its kind, direction, ordinal and
- * sides are known, its bounds are in order and within the largest magnitudes, and its curves rise
- * in x and cover x_least..x_most. */
+/* Returns true if an element with `count` points can be evaluated. Its kind, direction, ordinal and
+ * sides must be permitted values. Its bounds must be in order and within the largest magnitudes. In
+ * its curves x must rise from point to point and cover x_least..x_most. */
 bool cycle_element_is_valid(const cycle_element_t *element, const cycle_point_t *points,
                             uint16_t count);
 
-/* Sets the state at the start of a cycle. */
+/* Sets the state of an evaluation element at the start of a cycle. */
 void cycle_element_begin(cycle_element_state_t *state);
 
-/* Evaluates the sample of a tick. Samples of phases that the element does not name are ignored. */
+/* Evaluates the sample of a tick. Samples are ignored if their phase is not in the set `phases` of
+ * the element. */
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample);
 

@@ -38,7 +38,8 @@ static const cycle_header_t *record_at(const cycle_library_t *library, uint32_t 
   return (const cycle_header_t *)record;
 }
 
-/* Returns the offset of the program with a number, or the offset after the last record. */
+/* Returns the offset of the program with the number `number`. If there is no such program, returns
+ * the offset after the last record. */
 static uint32_t place_of(const cycle_library_t *library, uint32_t number) {
   uint32_t offset = 0;
   while (offset < library->used && record_at(library, offset)->number != number) {
@@ -73,7 +74,8 @@ bool cycle_library_remove(cycle_library_t *library, uint32_t number) {
   return true;
 }
 
-/* Returns true if the library has room for a record that replaces `old`, which may be NULL. */
+/* Returns true if the library has room for a record of `size` bytes after the removal of the record
+ * `old`. NULL: no record is removed. */
 static bool has_room(const cycle_library_t *library, const cycle_header_t *old, uint32_t size) {
   const uint32_t freed = (old == NULL) ? 0 : old->size;
   return size <= library->bytes - library->used + freed &&

@@ -59,7 +59,8 @@ static bool has_right_action(const cycle_phase_t *phase) {
   return is_move(action) || phase->target == 0;
 }
 
-/* Returns true if a phase with the action FOLLOW has a valid table among the program's points. */
+/* Returns true if the table of a phase with the action FOLLOW is valid and lies within the points
+ * of the program. */
 static bool has_right_table(const cycle_header_t *program, const cycle_phase_t *phase) {
   if (phase->action != CYCLE_FOLLOW) {
     return phase->first == 0 && phase->points == 0 && phase->over_travel == 0;
@@ -80,8 +81,8 @@ static bool has_right_limits(const cycle_phase_t *phase) {
          phase->travel_max > 0 && phase->travel_max <= CYCLE_TRAVEL_MAX && phase->time_max > 0;
 }
 
-/* Returns true if each condition of a phase is valid, and if stiffness_travel is given for the
- * conditions that use it. */
+/* Returns true if each condition of a phase is valid, and if stiffness_travel is not 0 exactly when
+ * a condition uses it. */
 static bool has_right_conditions(const cycle_header_t *program, const cycle_phase_t *phase) {
   bool uses_stiffness = false;
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {
@@ -160,7 +161,8 @@ static bool has_right_zero(const cycle_header_t *program) {
   }
 }
 
-/* Returns true if the curve of compliance is valid: its forces are within the range of a sample. */
+/* Returns true if the curve of the compliance is valid, and its forces are within the range of a
+ * sample. */
 static bool has_right_compliance(const cycle_header_t *program) {
   const cycle_point_t *points = cycle_points(program);
   const uint8_t count = program->compliance;

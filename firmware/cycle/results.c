@@ -4,7 +4,7 @@
 
 #include "firmware/fx/bytes.h"
 
-/* The linker scripts of the boards contain this size as a number. */
+/* The linker scripts of the boards contain the size of a cycle_part_t as a number. */
 _Static_assert(sizeof(cycle_part_t) == 192, "size of a result");
 
 enum { ROOM_MAX = 255 };
@@ -21,8 +21,8 @@ void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) 
   }
 }
 
-/* Returns the place in the memory that has the result with this number, or NULL. The number 0 finds
- * a free place. */
+/* Returns the place in the memory with the result of the part with this number, or NULL if there is
+ * no such result. With the number 0, returns a free place. */
 static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
   for (uint8_t i = 0; i < results->room; i++) {
     if (results->parts[i].number == number) {
@@ -61,7 +61,7 @@ uint32_t cycle_results_oldest(const cycle_results_t *results) {
   uint32_t oldest = 0;
   for (uint8_t i = 0; i < results->room; i++) {
     const uint32_t number = results->parts[i].number;
-    /* Numbers wrap. */
+    /* The numbers of parts wrap, so their difference modulo 2^32 is compared. */
     if (number != 0 && (oldest == 0 || oldest - number < (uint32_t)INT32_MAX)) {
       oldest = number;
     }

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CYCLE_RESULTS_H_
 #define FIRMWARE_CYCLE_RESULTS_H_
 
-/* Results of pressed parts. A result waits, in a memory of the caller, until it is acknowledged;
- * then its place is free. */
+/* Results of pressed parts. A result waits in memory of the caller until a client acknowledges it.
+ * Then its place in this memory is free. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,8 +20,8 @@ typedef struct {
   uint32_t power_up; /* number of the power-up in which the part was pressed */
   uint32_t program_crc;
   uint32_t bank_crc;   /* CRC of the bank of the force law; 0 without a bank */
-  uint32_t begin_tick; /* tick at which the cycle started */
-  uint32_t ticks;      /* duration of the cycle */
+  uint32_t begin_tick; /* tick in which the cycle started */
+  uint32_t ticks;      /* duration of the cycle in ticks */
   uint32_t invalid;    /* number of ticks in evaluated phases whose sample is not valid
                         * (sample.h) */
   uint32_t serial[CYCLE_SERIAL_WORDS];
@@ -39,33 +39,34 @@ typedef struct {
 } cycle_part_t;
 
 typedef struct {
-  cycle_part_t *parts; /* number 0: the place is free */
-  uint8_t room;        /* number of places, 0 to 255 */
-  uint8_t waiting;     /* number of results that wait */
+  cycle_part_t *parts; /* places for results; if the number of a result is 0, its place is free */
+  uint8_t room;        /* number of places for results, 0 to 255 */
+  uint8_t waiting;     /* number of results that wait for their acknowledgement */
 } cycle_results_t;
 
-/* Initialises a memory without results. `memory` begins at a multiple of 4; with NULL, results do
- * not wait. */
+/* Initialises a memory without results. `memory` begins at a multiple of 4; if `memory` is NULL, no
+ * result waits. */
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes);
 
-/* Returns true if there is a memory and it has no free place. */
+/* Returns true if there is memory for results, and it has no free place. */
 static inline bool cycle_results_are_full(const cycle_results_t *results) {
   return results->room != 0 && results->waiting == results->room;
 }
 
-/* Puts a result into a free place. Without a free place it does nothing. */
+/* Copies a result into a free place. If there is no free place, does nothing. */
 void cycle_results_add(cycle_results_t *results, const cycle_part_t *part);
 
-/* Returns the waiting result with a number > 0, or NULL. */
+/* Returns the waiting result of the part with the number `number` (> 0), or NULL. */
 const cycle_part_t *cycle_results_find(const cycle_results_t *results, uint32_t number);
 
-/* Frees the place of the result with this number. Returns false if no such result waits. */
+/* Frees the place of the result of the part with this number. Returns false if no such result
+ * waits. */
 bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 
-/* Returns the smallest number of the results that wait, or 0. */
+/* Returns the smallest number of a part whose result waits, or 0 if no result waits. */
 uint32_t cycle_results_oldest(const cycle_results_t *results);
 
-/* Returns true if a result that is not good waits. */
+/* Returns true if a result with a verdict other than good waits. */
 bool cycle_results_have_failed(const cycle_results_t *results);
 
 #endif

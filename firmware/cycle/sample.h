@@ -9,13 +9,13 @@
  *   - no protection that is switched on is tripped. A protection that trips is a fault, which
  *     aborts the cycle, so it needs no bit here.
  *
- * A broken wire that reads zero is not detected here: force_disconnected (guard/sensor.h) and the
- * lower bounds of the evaluation elements detect it.
+ * A broken wire with the reading zero is not detected here. The fault force_disconnected
+ * (guard/sensor.h) and the lower bounds of the evaluation elements detect it.
  *
- * A sample that is not valid meets no condition of force, travel or depth, does not enter a tare,
- * defines no travel 0 and is ignored by the evaluation elements. A force code at an end of the
- * range exceeds force_max in every phase. In an evaluated phase (cycle_program_judged()) a sample
- * that is not valid makes the part bad. */
+ * A sample that is not valid meets no condition on force, travel or depth. A tare, travel 0 and the
+ * evaluation elements ignore it. A force code at an end of its range exceeds force_max in every
+ * phase. In an evaluated phase (cycle_program_judged()) a sample that is not valid makes the part
+ * bad. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -23,8 +23,8 @@
 /* Reasons why a sample is not valid, as bits. */
 enum { CYCLE_SAMPLE_VALID = 0, CYCLE_SAMPLE_AT_END = 1, CYCLE_SAMPLE_OLD = 2 };
 
-/* Returns why a sample is not valid, as bits. is_at_end: the force code is at an end of its range.
- * Ages are in ticks. */
+/* Returns the reasons why a sample is not valid, as bits. is_at_end is true if the force code is at
+ * an end of its range. All ages are in ticks. */
 static inline uint8_t cycle_sample_defects(bool is_at_end, uint8_t force_age, uint8_t position_age,
                                            uint8_t age_max) {
   const bool is_old = force_age > age_max || position_age > age_max;

@@ -2,20 +2,22 @@
 
 #include "firmware/fx/fx.h"
 
-/* A line from its begin (0) to its end (1) along one coordinate. It is within the two sides of this
- * coordinate from enter / length to leave / length. */
+/* The part of a line that is between the two sides of a window in one coordinate. Along the line,
+ * from its begin (0) to its end (1), this part is from enter / length to leave / length. */
 typedef struct {
-  uint32_t enter; /* distance from the begin of the line to the first side; 0: the begin is not
-                   * before it */
-  uint32_t leave; /* distance from the begin of the line to the second side; `length`: the end is
-                   * not behind it */
+  /* distance from the begin of the line to the first side; 0: the line does not begin before this
+   * side */
+  uint32_t enter;
+  /* distance from the begin of the line to the second side; `length`: the line does not end behind
+   * this side */
+  uint32_t leave;
   uint32_t length;
-  uint8_t first; /* side at which the line enters, and side at which it leaves */
+  uint8_t first; /* `first`: side at which the line enters; `second`: side at which it leaves */
   uint8_t second;
-  bool is_reached; /* true if some place of the line is between both sides */
+  bool is_reached; /* true if at least one point of the line is between the two sides */
 } stretch_t;
 
-/* The sides of one coordinate. */
+/* The two sides of a window in one coordinate. */
 typedef struct {
   int32_t least;
   int32_t most;
@@ -37,13 +39,14 @@ static stretch_t stretch_of(int32_t from, int32_t to, const sides_t *sides) {
   return along;
 }
 
-/* Returns true if a / p <= b / q for lengths p and q, with a <= p and b <= q. */
+/* Returns true if a / p <= b / q. p and q are lengths, with a <= p and b <= q. */
 static bool is_not_later(uint32_t a, uint32_t p, uint32_t b, uint32_t q) {
   fx_assert(a <= p && b <= q);
   return (uint64_t)a * q <= (uint64_t)b * p;
 }
 
-/* Returns true if the line enters by `along` only after it has left by the other coordinate. */
+/* Returns true if the line passes the first side of `along` only after it has passed the second
+ * side of the other coordinate. Such a line misses the window. */
 static bool is_late(const stretch_t *along, const stretch_t *other) {
   return along->enter > 0 &&
          !is_not_later(along->enter, along->length, other->leave, other->length);

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CYCLE_WINDOW_H_
 #define FIRMWARE_CYCLE_WINDOW_H_
 
-/* Computes how a straight line passes a window. All comparisons are exact. x is +-2^30, y is
- * +-2^17. */
+/* Computes through which sides a straight line enters and leaves a rectangular window. All
+ * comparisons are exact. x is within +-2^30, and y is within +-2^17. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -10,7 +10,7 @@
 /* Sides of a window, as bits. */
 enum { CYCLE_LEFT = 1, CYCLE_RIGHT = 2, CYCLE_BOTTOM = 4, CYCLE_TOP = 8 };
 
-/* A window with its sides; x_least <= x_most, y_least <= y_most. */
+/* A rectangular window, including its sides. x_least <= x_most and y_least <= y_most. */
 typedef struct {
   int32_t x_least;
   int32_t x_most;
@@ -23,7 +23,8 @@ typedef struct {
   int32_t y;
 } window_point_t;
 
-/* Sides through which a line from outside enters a window, or leaves it: one side, or 0. */
+/* `enters`: side through which a line enters a window. `leaves`: side through which it leaves the
+ * window. 0: no side. */
 typedef struct {
   uint8_t enters;
   uint8_t leaves;
@@ -35,8 +36,9 @@ static inline bool window_contains(const window_t *window, const window_point_t 
          point->y <= window->y_most;
 }
 
-/* Returns the sides that the line between two points crosses. A line that begins inside enters no
- * side, and a line that ends inside leaves none. A corner belongs to the left or right side. */
+/* Returns the sides of a window that the line between two points crosses. A line that begins inside
+ * the window enters through no side, and a line that ends inside leaves through no side. A corner
+ * belongs to the left or right side. */
 window_passage_t window_pass(const window_t *window, const window_point_t *from,
                              const window_point_t *to);
 

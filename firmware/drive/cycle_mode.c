@@ -16,7 +16,7 @@ _Static_assert((AXIS_CYCLE_OUTPUTS_OUTPUT_1 | AXIS_CYCLE_OUTPUTS_OUTPUT_2 |
                 AXIS_CYCLE_OUTPUTS_OUTPUT_3 | AXIS_CYCLE_OUTPUTS_OUTPUT_4) == CYCLE_OUTPUTS_ALL,
                "bits of cycle_outputs");
 
-/* The modes of the phases. */
+/* The modes of operation that carry out the phases of a cycle. */
 static const cia402_mode_t moves = {.lead = position_profile,
                                     .shaped = 1,
                                     .reached = position_setpoint_reached,
@@ -64,7 +64,7 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
                                       axis->position_age, drive->params.cycle_age_max)};
 }
 
-/* Returns the position, in user units, from which the distance of a phase is measured. */
+/* Returns the position, in user units, from which the target of a phase is measured. */
 static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action) {
   if (action == CYCLE_MOVE) {
     return 0;
@@ -79,14 +79,15 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
 }
 
 /* Sets the smallest and the largest mean force that a tare may find: tare_band bounds the sum of
- * this mean and force_tare. Without a band there is no tare. */
+ * this mean and force_tare. If tare_band is 0, every tare fails. */
 static void begin_tare(cia402_t *drive, const axis_t *axis) {
   const int32_t band = (axis->params.tare_band == 0) ? -1 : axis->params.tare_band;
   drive->cycle.tare_least = -band - axis->params.force_tare;
   drive->cycle.tare_most = band - axis->params.force_tare;
 }
 
-/* Converts the new offset of the program to the unit of the demanded force and stores it. */
+/* Converts the offset that a tare has found to the unit of the demanded force, and stores the
+ * result. */
 static void take_offset(cia402_t *drive) {
   drive->cycle.tared = 0;
   drive->cycle_offset_q8 =
@@ -94,8 +95,9 @@ static void take_offset(cia402_t *drive) {
                -CYCLE_TABLE_Y_MAX, CYCLE_TABLE_Y_MAX);
 }
 
-/* Sets the mode and the targets of the phase that has begun. A target position beyond 32 bits,
- * which no axis can reach, ends the cycle as over_travel; the result is then false. */
+/* Sets the mode and the targets of the phase that has begun. If the target position exceeds 32
+ * bits, no axis can reach it: the function then ends the cycle as CYCLE_OVER_TRAVEL and returns
+ * false. */
 static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   const cycle_phase_t *phase = cycle_phase(&drive->cycle);
   const cia402_mode_t *mode = mode_of(phase->action);
@@ -126,8 +128,8 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* Returns true if the program has positions that are measured from the reference position of the
- * axis. */
+/* Returns true if the program contains absolute positions, which are measured from the reference
+ * position of the axis. */
 static bool needs_reference(const cycle_header_t *program) {
   if (program->zero == CYCLE_ZERO_POSITION) {
     return true;
@@ -145,9 +147,10 @@ static int32_t reading_of(const axis_params_t *params, uint16_t code) {
                            params->force_tare);
 }
 
-/* Returns true if a force of a program is at or beyond an end of the range of the sensor
- * (sensor_is_railed()), so that no valid sample can have it. force_max is compared with the end for
- * compression, or with the end for tension if the force 0 is at the end for compression. */
+/* Returns true if a force of a program is at or beyond an end of the range of the force sensor
+ * (sensor_is_railed()). No valid sample can have such a force. force_max is compared with the end
+ * of the range in compression. If force 0 is at this end, force_max is compared with the end in
+ * tension. */
 static bool is_beyond_sensor(const axis_params_t *params, const cycle_reach_t *reach) {
   const bool rises = params->force_sign > 0;
   const uint16_t last = fx_highest_code(params->adc_bits);
@@ -162,7 +165,8 @@ static bool is_beyond_sensor(const axis_params_t *params, const cycle_reach_t *r
           (!rises && !has_zero_within && -reach->force_max_q8 <= least_q8));
 }
 
-/* Returns why no cycle can start, or AXIS_CYCLE_STATE_IDLE. */
+/* Returns the reason why no cycle can start (AXIS_CYCLE_STATE_), or AXIS_CYCLE_STATE_IDLE if a
+ * cycle can start. */
 static uint8_t refusal_of(const cia402_t *drive, const axis_t *axis) {
   const cycle_header_t *program = drive->program;
   if (program == NULL) {
@@ -236,8 +240,8 @@ void cycle_mode_interrupt(cia402_t *drive) {
   }
 }
 
-/* Returns true if the axis no longer follows the cycle, because a ramp stops it, or because a
- * protection has detected a fault that acts in the next tick. */
+/* Returns true if the axis no longer follows the cycle: a ramp stops the axis, or a protection has
+ * detected a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
   return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) ||
          (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0 ||

@@ -24,8 +24,8 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->params.force_offset = 0;
 }
 
-/* Discards the set-points of the native modes. These set-points have no flag for a write, so 0
- * means no set-point. */
+/* Discards the set-points of the native modes. These set-points have no flag that shows a write, so
+ * the value 0 means that there is no set-point. */
 static void forget_setpoints(axis_t *axis) {
   axis->params.open_loop_code = 0;
   axis->params.excitation_amplitude = 0;
@@ -64,11 +64,11 @@ static bool is_at_rest(const axis_t *axis) {
   return axis->signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* Raises a fault that the drive or another module has detected. */
+/* Raises the fault `fault` that the drive or another module has detected. */
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    return; /* A later fault does not replace the first one, which stays the reported fault. */
+    return; /* A later fault does not replace the first fault, which is still reported. */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
       !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
@@ -80,8 +80,8 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   enter(drive, AXIS_DRIVE_STATE_FAULT);
 }
 
-/* Raises the fault following_error if the following error was outside its window for longer than
- * following_error_timeout. */
+/* Raises the fault following_error if the following error has been outside its window for longer
+ * than following_error_timeout. */
 static void watch_following(cia402_t *drive, axis_t *axis) {
   const bool outside =
       drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
@@ -107,8 +107,8 @@ static bool wants_other_mode(const cia402_t *drive) {
   return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 
-/* Enables the amplifier with code 0 until a fitted drive is on. The mode of operation, with its
- * trajectory, begins in the tick after it. */
+/* While a fitted drive is not on yet, enables the amplifier with code 0. The mode of operation and
+ * its trajectory begin in the tick after the drive is on. */
 static void wait_for_drive(cia402_t *drive, axis_t *axis) {
   if (wants_other_mode(drive)) {
     change_mode(drive);
@@ -222,8 +222,8 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   cia402_excite_before(drive, axis);
 }
 
-/* Asserts the invariants after each tick: the parameters of the axis are those of the user again,
- * and no field is beyond its range. */
+/* Asserts the invariants after each tick: the parameters of the axis have the values of the user
+ * again, and each field is within its range. */
 static inline void assert_after_tick(const cia402_t *drive) {
   fx_assert(drive->overridden.active == 0 && drive->mode != NULL);
   fx_assert(drive->signals.drive_state < AXIS_DRIVE_STATE_COUNT);
@@ -270,8 +270,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   assert_after_tick(drive);
 }
 
-/* Leaves the state operation enabled after the commands shutdown and disable operation, immediately
- * or after a ramp to standstill. */
+/* Changes from the state `operation enabled` to the state `to` after the command `shutdown` or
+ * `disable operation`. The change is immediate, or follows a ramp to standstill. */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
   if (option == STOP_AT_ONCE || motion_stands(drive) || is_at_rest(axis)) {
     enter(drive, to);
@@ -282,8 +282,8 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   cycle_mode_interrupt(drive);
 }
 
-/* Carries out a transition that a controlword commands. The option codes determine how the axis
- * stops. */
+/* Carries out the transition between two drive states that a controlword commands. The option codes
+ * determine how the axis stops. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
   if (first_motion_is_running(&drive->guards.first_motion)) {
     enter(drive,
@@ -307,7 +307,8 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
   if (to == from) {
     if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
-      drive->leaving = 0; /* A controlword enables the axis again during the ramp to standstill. */
+      /* The controlword enables the axis again during the ramp to standstill. */
+      drive->leaving = 0;
     }
     return;
   }
@@ -324,13 +325,13 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   }
 }
 
-/* Returns true if a start bit of the controlword acts. */
+/* Returns true if the start bit of the controlword may start a motion now. */
 static bool may_start(const cia402_t *drive) {
   return state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && drive->leaving == 0 &&
          !wants_other_mode(drive) && !first_motion_is_running(&drive->guards.first_motion);
 }
 
-/* Ends a homing method or a cycle. */
+/* Ends a homing method or a cycle that is running. */
 static void interrupt(cia402_t *drive) {
   homing_interrupt(drive);
   cycle_mode_interrupt(drive);
@@ -348,7 +349,8 @@ static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlwo
     drive->reached_tick = 0;
   }
   if ((rising & AXIS_CONTROLWORD_HALT) != 0) {
-    drive->position_written = 0; /* After the halt the axis moves only to the next target. */
+    /* After the halt the axis moves only when a new target was written. */
+    drive->position_written = 0;
     interrupt(drive);
   }
   if (!started || !may_start(drive)) {
@@ -371,8 +373,8 @@ static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlwo
 }
 
 /* Returns the controlword with the halt bit if the axis is halted and the new controlword does not
- * enable the axis. Only a controlword that enables the axis and has no halt bit ends a halt; a
- * controlword without a transition, for example with bit 7, does not end the halt. */
+ * enable the axis. A halt ends only with a controlword that enables the axis and has no halt bit. A
+ * controlword that commands no transition, for example one with bit 7, does not end the halt. */
 static uint16_t with_halt(cia402_t *drive, uint16_t controlword, uint16_t previous) {
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
       (previous & AXIS_CONTROLWORD_HALT) != 0 && !cia402_enables(controlword)) {
@@ -412,7 +414,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
-    /* target_position and interpolation_setpoint are two objects with one value. */
+    /* target_position and interpolation_setpoint are two objects that share one value. */
     case AXIS_OBJ_INTERPOLATION_SETPOINT:
       drive->params.target_position = value;
       drive->params.interpolation_setpoint = value;
@@ -459,7 +461,7 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
   cia402_show(drive, axis);
 }
 
-/* Returns true for the states in which the axis moves or can move after one of the next
+/* Returns true if, in this drive state, the axis moves or can move after one of the next
  * controlwords. */
 static bool can_move_soon(uint8_t state) {
   return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
@@ -546,7 +548,7 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
                        : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;
     default:
-      return false; /* ABORT_NOTHING */
+      return false; /* The option code is ABORT_NOTHING. */
   }
   cia402_show(drive, axis);
   return true;

@@ -6,14 +6,16 @@
  * axis after the tick.
  *
  * The parameters of the axis have the values that the user has written. During a tick the drive
- * overrides some of them: set-points, raw_step, and a step in place of a bump bias. The drive
- * writes these parameters before axis_tick() and restores them after axis_tick(), so between ticks
- * they have the values of the user. There are two exceptions: `mode` shows what the drive commands,
- * and after a change to mode -4 position_setpoint is the last demand of the drive.
+ * overrides some of these parameters: the set-points, raw_step, and bump_decay_shift if the output
+ * must step without a bump bias. The drive writes them before axis_tick() and restores them after
+ * axis_tick(), so between ticks they have the values of the user. There are two exceptions: `mode`
+ * is the mode that the drive commands, and after a change to mode -4 position_setpoint is the last
+ * position that the drive demanded.
  *
  * A target acts only if it was written for its present use. A target position must be written after
- * cyclic position mode last ended, was halted or was homed. A target velocity or target force must
- * be written after the last fault. Without such a write the axis stays at its position.
+ * the last end of cyclic position mode, the last halt and the last homing. A target velocity or
+ * target force must be written after the last fault. Without such a write the axis stays at its
+ * position.
  *
  * During the first motion test drive_state is operation_enabled, because the power stage is on, but
  * the statusword reports switched on. No target acts during the test. Every stop then disables the
@@ -35,13 +37,13 @@
  * is switch on disabled. */
 void cia402_init(cia402_t *drive);
 
-/* Initialises the drive from an axis that has run without its drive, and from the stored
- * parameters. Call this function before the first tick of the drive. */
+/* Initialises the drive from the stored parameters and from an axis that has run without the drive.
+ * Call this function before the first tick of the drive. */
 void cia402_wake(cia402_t *drive, const axis_t *axis);
 
-/* These three functions are the steps of the drive in a tick. Call the first two before
- * axis_tick(): the first sets the targets, and the second sets the values that depend on the
- * inputs. Call the third after axis_tick(); it reads the signals. */
+/* The three steps of the drive in a tick. The first two functions are called before axis_tick():
+ * the first one sets the targets, and the second one sets the values that depend on the inputs. The
+ * third function is called after axis_tick() and reads the signals. */
 void cia402_before(cia402_t *drive, axis_t *axis);
 static inline void cia402_with_inputs(cia402_t *drive, axis_t *axis, const axis_inputs_t *inputs) {
   guards_limit(&drive->guards, &drive->params, &drive->signals, axis, inputs);
@@ -54,15 +56,15 @@ static inline void cia402_control(cia402_t *drive, axis_t *axis, axis_outputs_t 
   guards_check(&drive->guards, &drive->params, &drive->signals, axis, outputs);
 }
 
-/* Reacts to a write to an object of the drive that changed its value from `previous` to `value`.
- * This function also carries out a controlword. */
+/* Reacts to a write that has changed an object of the drive from `previous` to `value`. If the
+ * object is the controlword, carries out its command. */
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value);
 
 /* Carries out a controlword of a source that is not the owner of the axis and may only stop the
  * axis. Only a halt or a transition to a lower state is carried out. The controlword of the owner
- * stays active, except for its halt bit. Returns false if the axis cannot move, so that there is
- * nothing to stop. */
+ * stays active, except for its halt bit. Returns false if the axis cannot move and nothing had to
+ * be stopped. */
 bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword);
 
 /* Reports in stopped_by (AXIS_STOPPED_BY_) the source that stopped the axis. The report ends when a
@@ -70,32 +72,33 @@ bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword);
  * a source. */
 bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by);
 
-/* Returns true if a controlword would enable an axis that is not enabled, or that a ramp is about
- * to disable. */
+/* Returns true if a controlword would enable an axis that is not enabled, or an axis that will be
+ * disabled after a ramp. */
 bool cia402_would_enable(const cia402_t *drive, uint16_t controlword);
 
 /* Returns true if a controlword would stop the axis, by a change of state or by a halt bit that was
  * not set in the controlword `previous`. */
 bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous);
 
-/* Sets the warning that the firmware would not detect the loss of the owner while the axis is
- * enabled. Clears the warning if `unsupervised` is false. */
+/* Sets the warning that the axis is enabled while the firmware would not detect the loss of its
+ * owner. Clears the warning if `unsupervised` is false. */
 void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised);
 
-/* Adapts the drive state to the native `mode` that the code for the board itself has written. */
+/* Adapts the drive state after the code for the board itself has written the native mode `mode`. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 
 /* Resets a fault without the controlword. Returns FW_OK, or FW_ERROR_STATE if the latched fault has
  * not acted in a tick yet. */
 int cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
-/* Discards the targets of the modes of the drive, and sets their offsets to 0. A discarded target
- * acts only after a new write. */
+/* Discards all targets of the modes of operation, and sets the offsets of the targets to 0. A
+ * discarded target acts only after a new write. */
 void cia402_forget_targets(cia402_t *drive);
 
-/* Reacts to the loss of the owner: if the axis is enabled, carries out abort_connection_option with
- * the fault `fault`. The commands of the owner are discarded, unless abort_connection_option lets
- * the axis continue. Returns true if the axis had to be stopped. */
+/* Reacts to the loss of the owner. If the axis is enabled, carries out the reaction that
+ * abort_connection_option selects; `fault` is the fault of this reaction. The commands of the owner
+ * are discarded, unless abort_connection_option lets the axis continue. Returns true if the axis
+ * had to be stopped. */
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault);
 
 #endif

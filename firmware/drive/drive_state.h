@@ -11,8 +11,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/guard/guards.h"
 
-/* States of homing: idle; requested by the controlword; begun, until the axis is at standstill;
- * searching the reference position; done; failed. */
+/* States of homing, in this order: idle, requested by the controlword, waiting for standstill of
+ * the axis, searching the reference position, done, failed. */
 enum {
   CIA402_HOMING_IDLE = 0,
   CIA402_HOMING_ASKED = 1,
@@ -32,8 +32,8 @@ enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTU
  * s. If the axis does not follow the ramp, the axis is switched off in motion. */
 enum { CIA402_STOPPING_TICKS = 15000 };
 
-/* Value of the field `slowing` during a tick of a ramp to standstill. In the next tick `slowing` is
- * 1. */
+/* Value of the field `slowing` during a tick in which a ramp to standstill is active. In the next
+ * tick `slowing` is 1. */
 enum { CIA402_SLOWING = 2 };
 
 /* Number of ticks over which velocity_actual is averaged. */
@@ -50,34 +50,37 @@ typedef struct {
   int32_t step_cnt;        /* encoder count at the start of the present step of homing */
   uint32_t remaining_tick; /* number of ticks that remain until homing_timeout */
   uint8_t state;           /* state of homing, CIA402_HOMING_ */
-  uint8_t method; /* index of the homing method in homing.c; step: index of its present step */
+  /* index of the homing method in homing.c; `step`: index of the present step of this method */
+  uint8_t method;
   uint8_t step;
 } cia402_homing_t;
 
-/* Factors between user units and counts, derived from 608Fh, 6091h and 6092h (units.h). */
+/* Conversion factors between user units and encoder counts. They are computed from 608Fh, 6091h and
+ * 6092h (units.h). */
 typedef struct {
-  fx_fraction_t user_of_cnt; /* number of user units per count; valid only if `scaled` is 1 */
-  fx_ratio_t speed_of_user;  /* speed in Q16 counts per tick that equals one user unit per second */
-  /* acceleration in Q16 counts per tick squared that equals one user unit per second squared */
+  /* number of user units per encoder count; valid only if `scaled` is 1 */
+  fx_fraction_t user_of_cnt;
+  fx_ratio_t speed_of_user; /* one user unit per second as a speed in Q16 counts per tick */
+  /* one user unit per second squared as an acceleration in Q16 counts per tick squared */
   fx_ratio_t rate_of_user;
   uint8_t scaled; /* 0 if the user unit is the encoder count */
 } cia402_units_t;
 
-/* Bounds of the demanded force. A bound is force_limit, or the limit of one direction if that limit
- * is smaller. Without a certificate the bounds also include the force permitted to a force law
- * without a certificate. */
+/* Bounds of the demanded force. A bound is the smaller one of force_limit and the force limit for
+ * its direction. If the force law has no certificate, its smaller permitted force also bounds the
+ * demanded force. */
 typedef struct {
   int32_t least; /* lower bound of the demanded force in per mille of the rated force, -32767..0 */
   int32_t most;  /* upper bound of the demanded force in per mille of the rated force, 0..32767 */
   int32_t least_q8; /* lower bound of the demanded force in 1/256 count of measured force */
   int32_t most_q8;
-  /* bound of the force set-point of mode -1 without a certificate, in 1/256 count of measured
-   * force; mode -1 has no other bound */
+  /* bound of the force set-point of mode -1 if the force law has no certificate, in 1/256 count of
+   * measured force; mode -1 has no other bound */
   int32_t law_q8;
 } cia402_force_bounds_t;
 
-/* Values of those parameters of the axis that the drive overrides during a tick; they are restored
- * after the tick. */
+/* Values that the user has given to the parameters that the drive overrides during a tick. The
+ * drive restores these values after the tick. */
 typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
@@ -88,7 +91,7 @@ typedef struct {
   uint8_t active; /* 1 if the drive overrides these parameters of the axis now */
 } cia402_overridden_t;
 
-typedef struct cia402_mode cia402_mode_t; /* One row of the table of modes (modes.h). */
+typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of operation (modes.h) */
 
 /* State of the drive. A copy of this structure is a copy of the drive. The signals are those of the
  * latest tick. In every second tick the drive computes the forces, current_actual, velocity_sensor
@@ -103,7 +106,8 @@ typedef struct {
   profile_t shaped;
   /* user position in counts minus encoder count, before the polarity is applied */
   int32_t origin_cnt;
-  /* lead of the position set-point over the trajectory, in counts, for velocity_offset */
+  /* distance in counts by which the position set-point leads the trajectory because of
+   * velocity_offset */
   int32_t lead_cnt;
   cia402_units_t units;
   /* Limits of the trajectory in Q16 counts per tick and Q16 counts per tick squared, derived from
@@ -112,50 +116,60 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  /* smallest decrease per tick with which the present ramp to standstill ends in time */
+  /* smallest decrease of the speed or force per tick with which the present ramp to standstill ends
+   * in time */
   int32_t stop_step;
-  /* measured force in 1/256 count that equals one per mille of the rated force */
+  /* one per mille of the rated force as a measured force in 1/256 count */
   fx_ratio_t reading_of_force;
-  /* force in per mille of the rated force that equals 1/256 count of measured force */
+  /* 1/256 count of measured force as a force in per mille of the rated force */
   fx_ratio_t force_of_reading;
   cia402_force_bounds_t force_bounds;
-  /* bound of the demanded force without a certificate, in per mille of force_limit */
+  /* bound of the demanded force for a force law without a certificate, in per mille of
+   * force_limit */
   uint16_t law_force;
-  uint16_t law_output;    /* bound of the DAC code of a force law without a certificate */
+  /* bound of the magnitude of the DAC code for a force law without a certificate */
+  uint16_t law_output;
   int32_t force_ramp_q16; /* demanded force after the ramp, in Q16 per mille of the rated force */
   /* demanded force after ramp and input shaping, in Q16 per mille of the rated force */
   int32_t force_demand_q16;
   cia402_setpoint_t setpoint; /* active or last set-point of profile position mode */
   cia402_setpoint_t buffered; /* next set-point of profile position mode */
-  /* number of ticks for which the force law still acts after a contact loss */
+  /* remaining number of ticks in which the force law still acts after a contact loss */
   uint32_t dwell_remaining;
-  /* number of ticks until the axis shall reach the cyclic target */
+  /* number of ticks until the axis must reach the target of cyclic position mode */
   uint32_t interpolation_remaining;
   /* number of ticks for which the following error has been outside its window */
   uint32_t outside_tick;
   uint32_t reached_tick;  /* number of ticks for which the target has been reached */
   uint32_t standing_tick; /* number of ticks for which the axis has been at standstill */
-  /* travel of the last CIA402_MEAN_TICKS ticks in counts, modulo 2^32 */
+  /* sum of the travel in the last CIA402_MEAN_TICKS ticks, in counts, modulo 2^32 */
   int32_t velocity_sum;
   int32_t velocities[CIA402_MEAN_TICKS];
-  /* input shaper of the force demand: in Q16 per mille in modes 4 and 10, in 1/256 count in mode
-   * -1 */
+  /* input shaper of the demanded force. Its values are in Q16 per mille of the rated force in modes
+   * 4 and 10, and in 1/256 count in mode -1 */
   shaper_t force_shaper;
   shaper_t motion_shaper; /* input shaper of the speed of the trajectory */
   guards_t guards;
   cia402_homing_t homing;
-  cycle_t cycle;                 /* cycle of mode -9 */
-  const cycle_header_t *program; /* selected cycle program, which was checked; NULL: none */
-  uint8_t cycle_lock; /* state (AXIS_CYCLE_STATE_) for which the caller permits no start, or idle */
-  int32_t cycle_offset_q8; /* offset of the cycle program's force, in 1/256 per mille of the rated
-                            * force */
-  uint8_t cycle_refusal;   /* state (AXIS_CYCLE_STATE_) that says why no cycle started, or idle */
-  uint32_t law_crc;        /* CRC of the selected bank of the force law; 0 without a bank */
+  cycle_t cycle; /* press cycle of mode -9 */
+  /* selected cycle program, which has passed its check; NULL: no program */
+  const cycle_header_t *program;
+  /* reason (AXIS_CYCLE_STATE_) why the firmware permits no start of a cycle; idle: a start is
+   * permitted */
+  uint8_t cycle_lock;
+  /* offset of the force that a tare of the cycle has measured, in 1/256 per mille of the rated
+   * force */
+  int32_t cycle_offset_q8;
+  /* reason (AXIS_CYCLE_STATE_) why the last start of a cycle was refused; idle: it was not
+   * refused */
+  uint8_t cycle_refusal;
+  /* CRC of the selected filter bank of the force law; 0: no bank is selected */
+  uint32_t law_crc;
   uint32_t cycle_bank_crc; /* value of cycle_mode_bank() at the start of the cycle */
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
-  uint8_t setpoint_active; /* 1 if the drive moves to the set-point in `setpoint` */
+  uint8_t setpoint_active; /* 1 if the drive moves to the position in `setpoint` */
   /* 1 if `buffered` contains a set-point that the drive has not started yet */
   uint8_t setpoint_buffered;
   /* 1 if the drive has accepted the new set-point of the present controlword */
@@ -164,18 +178,19 @@ typedef struct {
   uint8_t settling_tick;
   uint16_t stopping_tick; /* number of ticks since a quick stop or fault reaction began */
   uint8_t slowing;        /* 1 or more if a ramp to standstill was active in the last tick */
-  /* 1 if a ramp to standstill is active, after which the drive changes to the state leaving_to */
+  /* 1 if a ramp to standstill is active and the drive changes to the state leaving_to after this
+   * ramp */
   uint8_t leaving;
-  uint8_t leaving_to; /* state after the ramp, AXIS_DRIVE_STATE_ */
+  uint8_t leaving_to; /* state (AXIS_DRIVE_STATE_) of the drive after the ramp of `leaving` */
   uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
-  uint8_t homed;      /* 1 from the homing that has found the reference position until the sensors
-                       * become invalid */
+  /* 1 after homing has found the reference position; 0 again when the sensors become invalid */
+  uint8_t homed;
   uint8_t controlled; /* 1 if a force mode was active in the last tick */
   uint8_t pressing;   /* 1 if the force law is active in mode 4 or 10 */
   int8_t pressed;     /* sign of the measured force at the latest contact in mode 4 or 10 */
   /* 1 if the guarded move ended because the axis touched the workpiece */
   uint8_t stopped_by_contact;
-  uint8_t limited; /* 1 if the drive has limited a target to a bound */
+  uint8_t limited; /* 1 if a target exceeded a bound, so that the drive has limited the target */
   /* 1 if the force law has no certificate, so that the bounds law_force and law_output apply */
   uint8_t uncertified;
   /* 1 if the bounds law_force and law_output act in this tick; updated in every second tick */

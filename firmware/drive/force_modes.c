@@ -6,7 +6,7 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Largest magnitude of force_setpoint in 1/256 count. */
+/* Largest magnitude of the object force_setpoint, in 1/256 count of measured force. */
 #define FORCE_SETPOINT_MAX INT32_C(65536)
 
 static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
@@ -28,9 +28,9 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
     const int32_t least = motion_least_step(drive, fx_magnitude(drive->trajectory.velocity_q16));
     limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
   }
-  /* The lead of the trajectory over the axis is limited, so that an axis that was blocked by an
-   * obstacle does not move too fast when it is free again. The limit is the travel of a quarter of
-   * a second, which is sufficient for a position loop of more than 4 rad/s. */
+  /* The distance by which the trajectory leads the axis is limited. So an axis that was blocked by
+   * an obstacle does not move too fast when it is free again. The limit is the travel in a quarter
+   * of a second. This is sufficient for a position loop with a bandwidth of more than 4 rad/s. */
   const int32_t lead =
       fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
   const int32_t most = fx_floor_shift((int32_t)drive->params.approach_velocity_max, 2) + 16;
@@ -39,8 +39,8 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
   motion_follow(drive, axis);
 }
 
-/* Returns the target of a cycle with the offset of its program. The offset does not turn the
- * direction of the target, because the direction is that of the approach. */
+/* Returns the force target of a cycle plus the offset of its program. The offset does not change
+ * the sign of the target, because the sign is also the direction of the approach. */
 static int32_t target_of_cycle_q8(const cia402_t *drive) {
   const int32_t target = drive->cycle.demand_q8;
   const int32_t sum = target + drive->cycle_offset_q8;
@@ -50,7 +50,8 @@ static int32_t target_of_cycle_q8(const cia402_t *drive) {
   return (target > 0) ? ((sum > 0) ? sum : 1) : ((sum < 0) ? sum : -1);
 }
 
-/* Returns the demanded force without the bounds of the demanded force, in 1/256 per mille. */
+/* Returns the demanded force before it is limited to its bounds, in 1/256 per mille of the rated
+ * force. */
 static int32_t wanted_force_q8(const cia402_t *drive) {
   if (cycle_is_running(&drive->cycle)) {
     return target_of_cycle_q8(drive);
@@ -87,8 +88,8 @@ static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* Limits the DAC code from the contact loss to the end of contact_loss_dwell. The code presses with
- * at most contact_loss_cap, both towards the lost workpiece and in the direction of the present
+/* Limits the DAC code from the contact loss until the end of contact_loss_dwell. The code is at
+ * most contact_loss_cap towards the lost workpiece, and also in the direction of the present force
  * set-point. */
 static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   const int16_t cap = (int16_t)drive->params.contact_loss_cap;
@@ -102,9 +103,9 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Changes the demanded force by one tick towards the target. A bound that was reduced acts at once,
- * on the ramp and on the output of the input shaper. A halt bypasses the input shaper, and its ramp
- * starts from the present demanded force. */
+/* Changes the demanded force by one tick towards the target. If a bound was reduced, it acts at
+ * once on the ramp and on the output of the input shaper. A halt bypasses the input shaper, and its
+ * ramp starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted) {
   const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
                                                          : drive->params.force_slope;
@@ -138,8 +139,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
-      /* After a contact loss the axis brakes at once. The output gets no bias, because a bias
-       * would continue the DAC code that has pressed on the workpiece. */
+      /* After a contact loss the axis brakes at once. The output gets no bump bias, because this
+       * bias would continue the DAC code with which the axis has pressed on the workpiece. */
       motion_override(drive, axis);
       axis->params.bump_decay_shift = 0;
       drive->pressing = 0;
@@ -170,9 +171,9 @@ void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, f
 
 void force_cyclic(cia402_t *drive, axis_t *axis) { control_force(drive, axis, true); }
 
-/* Stiffness, damping and impedance control (thesis 1.1.3). The force set-point f_d = K (x_d - x) +
- * D (v_d - v) is computed from the errors of position and velocity; the force law controls this
- * force. */
+/* Stiffness, damping and impedance control (thesis 1.1.3). The force set-point is computed from the
+ * errors of position and velocity: f_d = K (x_d - x) + D (v_d - v). The force law controls the
+ * force to this set-point. */
 
 static inline bool track_virtual(cia402_t *drive, axis_t *axis) {
   return motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0);
@@ -197,8 +198,8 @@ static inline int32_t led_to(const cia402_t *drive) {
   return fx_cnt_from_q32(motion_followed(drive)->position_q32);
 }
 
-/* spring() returns K (x_d - x), and damper() returns D (v_d - v), in 1/256 count of measured
- * force. */
+/* spring() returns the force K (x_d - x), and damper() returns the force D (v_d - v), both in 1/256
+ * count of measured force. */
 static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
   const int32_t error = fx_diff_wrap(led_to(drive), axis->signals.position);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
@@ -209,7 +210,7 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
 }
 
 /* Sets the force set-point to force_q8, limited to the bounds of the demanded force. `demand` is
- * the term of the set-point that does not depend on the motion of the axis. */
+ * the part of the set-point that does not depend on the motion of the axis. */
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));

@@ -4,8 +4,8 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Events that end a step of homing and are not digital inputs (AXIS_DIGITAL_INPUTS_). Their bits
- * are not used by any input. */
+/* Events other than digital inputs that end a step of homing. No digital input
+ * (AXIS_DIGITAL_INPUTS_) uses their bits. */
 enum { CONTACT = 0x40, RETRACTED = 0x80 };
 
 enum { AWAY = -1, TOWARD = 1 };
@@ -14,8 +14,8 @@ enum { OFF = 0, ON = 1 };
 
 enum { STEPS = 3 };
 
-/* One step of a homing method. The axis moves in a direction until the input `until` is on or off.
- * The direction 0 means that there is no step. */
+/* One step of a homing method. The axis moves in one direction until the input `until` is on, or
+ * until it is off. The direction 0 means that the method has no such step. */
 typedef struct {
   int8_t direction;
   uint8_t speed;
@@ -26,12 +26,14 @@ typedef struct {
 /* A homing method. The reference position is the position at the end of the last step. */
 typedef struct {
   int8_t method;
-  /* AXIS_DIGITAL_INPUTS_ bits of the inputs that the method needs and inputs_fitted must contain */
+  /* AXIS_DIGITAL_INPUTS_ bits of the inputs that the method needs; inputs_fitted must contain all
+   * of them */
   uint8_t needs;
   homing_step_t steps[STEPS];
 } homing_method_t;
 
-/* Number of homing methods. The methods have the same order as in homing_methods. */
+/* Number of homing methods. The table has the methods in the same order as the object
+ * homing_methods. */
 enum { METHODS = 11 };
 static const homing_method_t methods[METHODS] = {
     {35, 0, {{0}}},
@@ -130,8 +132,8 @@ static void stand(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
 }
 
-/* Makes the encoder count of the latest tick the reference position. The user position of the
- * reference position is home_offset. */
+/* Makes the encoder count of the latest tick the reference position. In user units the reference
+ * position is home_offset. */
 static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->origin_cnt =
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
@@ -156,7 +158,8 @@ static bool has_ended(const cia402_t *drive, const axis_t *axis, const homing_st
   }
 }
 
-/* Returns true if a limit switch or soft limit blocks the axis in this direction. */
+/* Returns true if a limit switch or a soft limit prevents a motion of the axis in this
+ * direction. */
 static bool is_blocked(const axis_t *axis, int8_t direction) {
   const uint8_t reason = axis->signals.limit_reason;
   const uint8_t inputs = axis->signals.digital_inputs;
@@ -166,9 +169,9 @@ static bool is_blocked(const axis_t *axis, int8_t direction) {
                                      reason == AXIS_LIMIT_REASON_POSITION_MIN;
 }
 
-/* Returns true if an obstacle blocks the axis: the axis is behind its trajectory by more than the
- * travel of a quarter of a second. With a position loop of more than 4 rad/s this never happens
- * without an obstacle. */
+/* Returns true if an obstacle blocks the axis. The axis is then behind its trajectory by more than
+ * the travel in a quarter of a second. Without an obstacle this does not happen if the bandwidth of
+ * the position loop is more than 4 rad/s. */
 static bool is_behind(const cia402_t *drive, const axis_t *axis, int32_t speed_q16) {
   const int32_t place = fx_cnt_from_q32(drive->trajectory.position_q32);
   return travel_since(axis, place) > (uint32_t)fx_floor_shift(fx_per_s_from_q16(speed_q16), 2) + 16;
@@ -234,7 +237,7 @@ static void seek(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Starts a homing method when the axis is at standstill, because methods 35 and 37 use the position
+/* Starts a homing method as soon as the axis is at standstill. Methods 35 and 37 use the position
  * at standstill as the reference position. */
 static void begin(cia402_t *drive, axis_t *axis) {
   brake(drive);

@@ -1,12 +1,12 @@
 #ifndef FIRMWARE_DRIVE_HOMING_H_
 #define FIRMWARE_DRIVE_HOMING_H_
 
-/* Homing (mode 6) searches the reference position of the axis and derives the origin of all
- * positions from this reference position.
+/* Homing (mode 6) searches the reference position of the axis. The origin of all positions is
+ * computed from this reference position.
  *
- * The homing methods are those of CiA 402 and the method -1, homing on contact. The directions are
- * those of the axis: positive is towards the workpiece, independent of the polarity. The limit
- * switches use the same directions.
+ * The homing methods are those of CiA 402, and method -1: homing on contact. Directions are
+ * directions of the axis: positive is towards the workpiece, independent of the object polarity.
+ * The limit switches use the same directions.
  *   17, 18   edge of the negative, positive limit switch
  *   19, 20   edge of a home switch that is on at the positive end, when the axis leaves (19) or
  *            enters (20) the range of the switch
@@ -15,10 +15,10 @@
  *   33, 34   next index pulse in negative, positive direction
  *   35, 37   present position of the axis
  *   -1       contact with the workpiece
- * The axis searches a switch at homing_speed_1, and its edge and the index pulse at homing_speed_2.
- * The reference position is the encoder count of the tick in which the firmware detects the edge.
- * The error of the reference position is at most the travel of one tick, which is one count at 1500
- * count/s.
+ * The axis searches a switch at the speed homing_speed_1. It searches the edge of the switch and
+ * the index pulse at the speed homing_speed_2. The reference position is the encoder count of the
+ * tick in which the firmware detects the edge. The error of the reference position is at most the
+ * travel of one tick, which is one count at 1500 count/s.
  *
  * Homing on contact moves towards the workpiece at homing_speed_1 until the measured force exceeds
  * contact_force in magnitude, retracts by homing_retract, and approaches again at homing_speed_2.
@@ -26,23 +26,23 @@
  * the retraction, or if the second contact is not within twice homing_retract. Homing also fails,
  * and the axis stops immediately, if the measured force is beyond force_limit.
  *
- * Every method fails, and the axis stops, in three cases: the travel exceeds homing_travel or the
- * time exceeds homing_timeout; the axis reaches a limit switch or soft limit in its direction of
- * motion; the axis is behind its trajectory by more than the travel of a quarter of a second.
- * Position limits (607Dh) do not act, because they refer to the origin that homing determines. A
- * halt interrupts homing, and so does a controlword without the start bit. Afterwards the axis
- * stays at the position where it stopped. */
+ * Every method fails, and the axis stops, if the travel exceeds homing_travel, or if the time
+ * exceeds homing_timeout. It also fails if the axis reaches a limit switch or a soft limit in its
+ * direction of motion, or if the axis is behind its trajectory by more than the travel in a quarter
+ * of a second. The position limits (607Dh) do not act during homing, because homing determines the
+ * origin to which they refer. A halt interrupts homing, and a controlword without the start bit
+ * also interrupts homing. Afterwards the axis stays at the position where it stopped. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive_state.h"
 
-/* Computes one tick of homing, or of the mode "none", in which the axis stays at its position. */
+/* Computes one tick of homing. In the mode of operation 0 (none) the axis stays at its position. */
 void homing_run(cia402_t *drive, axis_t *axis);
 
-/* Reacts to the start bit of the controlword: homing_start() starts homing, and homing_interrupt()
- * interrupts a method that moves the axis. */
+/* Reactions to the start bit of the controlword: homing_start() starts homing, and
+ * homing_interrupt() interrupts a homing method that is moving the axis. */
 void homing_start(cia402_t *drive);
 void homing_interrupt(cia402_t *drive);
 

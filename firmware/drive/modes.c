@@ -18,7 +18,8 @@ static uint16_t bits_of(bool bit_12, uint16_t mask_12, bool bit_13, uint16_t mas
   return (uint16_t)((bit_12 ? mask_12 : 0) | (bit_13 ? mask_13 : 0));
 }
 
-/* Each function returns bits 12 and 13 of the statusword for one group of modes. */
+/* These functions return bits 12 and 13 of the statusword, each one for one group of modes of
+ * operation. */
 static uint16_t setpoint_bits(const cia402_t *drive) {
   return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
                  AXIS_STATUSWORD_ACKNOWLEDGED, drive->outside_tick != 0,
@@ -138,7 +139,7 @@ static bool needs_position_gain(const cia402_t *drive) {
           (mode->controls_force != 0 && drive->guards.contact_guard.speed_q8 != 0));
 }
 
-/* Applies input shaping to the force set-point of mode -1. The shaper starts from the present
+/* Applies input shaping to the force set-point of mode -1. The input shaper starts from the present
  * measured force. */
 static void shape_setpoint(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
@@ -150,8 +151,9 @@ static void shape_setpoint(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Runs a native mode of the axis with the parameters that the user has written. Each native law of
- * force gets the bounds without a certificate, the force shaper and the contact guard. */
+/* Runs a native mode of the axis with the parameters that the user has written. In a native force
+ * mode, the bounds of a law without certificate, the input shaper of the force and the contact
+ * guard also act. */
 static void run_native(cia402_t *drive, axis_t *axis, const cia402_mode_t *mode) {
   if (mode->native == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
     axis->params.position_setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
@@ -282,7 +284,8 @@ void cia402_leave_mode(cia402_t *drive) {
   if (cycle_is_running(&drive->cycle)) {
     cycle_abort(&drive->cycle);
     if (drive->cycle.state == CYCLE_IDLE) {
-      drive->signals.cycle_count -= 1; /* this cycle was stopped before its first tick */
+      /* The cycle was stopped before its first tick, so it is not counted. */
+      drive->signals.cycle_count -= 1;
     }
     cia402_show_cycle(drive);
   }

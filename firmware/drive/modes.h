@@ -1,47 +1,50 @@
 #ifndef FIRMWARE_DRIVE_MODES_H_
 #define FIRMWARE_DRIVE_MODES_H_
 
-/* The modes of operation (6060h). A table has one row for each mode. The row contains the function
- * that computes a tick, and the function that returns the bits of the statusword. */
+/* The modes of operation (6060h). A table has one row for each mode of operation. A row contains,
+ * among others, the function that computes a tick of the mode, and the function that returns its
+ * bits of the statusword. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive_state.h"
 
-/* Force set-point that a mode controls: no set-point; force_setpoint in counts of the measured
- * force; target_force with force_offset in per mille of rated_force. */
+/* Force set-point that a mode of operation uses. NONE: no force set-point. SETPOINT:
+ * force_setpoint, in counts of the measured force. TARGET: target_force plus force_offset, in per
+ * mille of rated_force. */
 enum { CIA402_HOLDS_NONE, CIA402_HOLDS_SETPOINT, CIA402_HOLDS_TARGET };
 
-/* Object that sets how long the axis must stay at its target before the drive reports target
- * reached: none, position_window_time or velocity_window_time. */
+/* Object with the time for which the axis must stay at its target before the drive reports `target
+ * reached`. NONE: no object. POSITION: position_window_time. VELOCITY: velocity_window_time. */
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
 struct cia402_mode {
-  /* A mode has exactly one of these functions for its tick. `lead` moves the trajectory that the
-   * axis follows. `run` commands the axis directly. `native` is the native mode (AXIS_MODE_) that
-   * runs with the parameters of the user. */
+  /* Each mode has exactly one of the following three. `lead` is a function that moves the
+   * trajectory that the axis follows. `run` is a function that commands the axis directly. `native`
+   * is a native mode (AXIS_MODE_) that runs with the parameters of the user. */
   void (*lead)(cia402_t *drive, axis_t *axis);
   void (*run)(cia402_t *drive, axis_t *axis);
   uint8_t native;
   uint8_t controls_force;
-  uint8_t holds; /* force set-point that the mode controls, CIA402_HOLDS_ */
-  /* 1 if the mode itself reacts to the halt bit; 0 if the drive stops the axis by a ramp */
+  uint8_t holds; /* force set-point that the mode uses, CIA402_HOLDS_ */
+  /* 1 if the mode itself reacts to the halt bit; 0 if the drive stops the axis by a ramp at a
+   * halt */
   uint8_t halts_itself;
-  /* 1 if the mode uses target_position, which is discarded when the mode ends */
+  /* 1 if the mode uses target_position. This target is then discarded when the mode ends */
   uint8_t uses_position;
   uint8_t shaped; /* 1 if input shaping acts on the trajectory that `lead` moves */
-  uint8_t window; /* time window of the mode, CIA402_WINDOW_ */
+  uint8_t window; /* object with the time at the target, CIA402_WINDOW_ */
   bool (*reached)(const cia402_t *drive,
                   /* function that returns true if the target is reached; NULL if the drive never
-                   * reports this */
+                   * reports that the target is reached */
                   const axis_t *axis);
   /* function that returns bits 12 and 13 of the statusword; NULL if both bits are 0 */
   uint16_t (*bits)(const cia402_t *drive);
 };
 
-/* The table of modes. The index of a row is the mode of operation plus CIA402_MODE_OFFSET. Each
- * number that the object table permits for the mode of operation has a row. */
+/* The table of modes of operation. The index of a row is the number of the mode plus
+ * CIA402_MODE_OFFSET. Each mode number that the object table permits has a row. */
 enum {
   CIA402_MODE_OFFSET = -AXIS_MODES_OF_OPERATION_LEAST,
   CIA402_MODES = AXIS_MODES_OF_OPERATION_GREATEST + CIA402_MODE_OFFSET + 1
@@ -54,28 +57,29 @@ static inline void cia402_set_mode(cia402_t *drive, int8_t mode) {
   drive->mode = &cia402_modes[mode + CIA402_MODE_OFFSET];
 }
 
-/* Returns true if a number is a mode of operation (6060h). */
+/* Returns true if the number `mode` is a mode of operation (6060h). */
 bool cia402_mode_exists(int32_t mode);
 
 /* Returns the mode of operation (6060h) that corresponds to a native mode (AXIS_MODE_). */
 int8_t cia402_operation_of(uint8_t native_mode);
 
-/* Acts only if first_motion_test is set. Computes one tick of the first motion test, or refuses a
- * mode that needs position_gain while position_gain is 0. Returns false if neither was necessary;
- * then the mode of operation computes the tick. */
+/* If first_motion_test is set and position_gain is 0, refuses a mode of operation that needs
+ * position_gain. Otherwise, if the first motion test is running, computes one tick of this test.
+ * Returns false if neither was done. The mode of operation then computes the tick. */
 bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 
-/* Returns true if the measured force guides the axis: in force modes, guarded moves and homing on
- * contact, including their approaches, and in every phase of a running cycle, because the force
- * ends phases, and the verdict on the part depends on it. Returns false during the first motion
- * test. */
+/* Returns true if the motion of the axis depends on the measured force. This is so in force modes,
+ * guarded moves and homing on contact, including their approaches. It is also so in every phase of
+ * a running cycle, because the force ends phases, and the verdict on the part depends on the force.
+ * Returns false during the first motion test. */
 bool cia402_is_guided_by_force(const cia402_t *drive);
 
 /* Computes one tick of the active mode of operation. */
 void cia402_run(cia402_t *drive, axis_t *axis);
 
-/* cia402_excite_before() prepares an active excitation for the next tick after the mode of this
- * tick is set; cia402_excite_after() removes the value of the excitation after the tick. */
+/* cia402_excite_before() is called before a tick, when the mode of the tick is set, and prepares
+ * the excitation if one is active. cia402_excite_after() is called after the tick and removes the
+ * value of the excitation. */
 void cia402_prepare_excitation(cia402_t *drive, axis_t *axis);
 static inline void cia402_excite_before(cia402_t *drive, axis_t *axis) {
   if (contact_excitation_is_active(&drive->signals)) {
@@ -88,16 +92,16 @@ static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Returns bits 12 and 13 of the statusword in mode -9. Bit 12: the cycle is done. Bit 13: its part
- * is not good, or no cycle could start. */
+/* Returns bits 12 and 13 of the statusword in mode -9. Bit 12 is 1 if the cycle is done. Bit 13 is
+ * 1 if the pressed part is not good, or if no cycle could start. */
 uint16_t cia402_cycle_bits(const cia402_t *drive);
 
-/* Shows state, phase and outcome of the cycle in the signals. */
+/* Writes the state, the phase and the outcome of the cycle to the signals. */
 void cia402_show_cycle(cia402_t *drive);
 
 /* cia402_leave_mode() resets the state of a mode of operation when the mode ends or the axis is
- * disabled, and aborts a running cycle. cia402_end_mode() does only what a change between two
- * phases of a cycle needs, too. */
+ * disabled, and aborts a running cycle. cia402_end_mode() does only the part of this work that is
+ * also needed between two phases of a cycle. */
 void cia402_leave_mode(cia402_t *drive);
 void cia402_end_mode(cia402_t *drive);
 

@@ -56,7 +56,7 @@ void motion_follow(cia402_t *drive, axis_t *axis) {
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
   if (axis->signals.active_mode != AXIS_MODE_POSITION) {
-    /* The position mode that is about to begin uses this value of position_setpoint. */
+    /* Position mode begins in the next tick and uses this value of position_setpoint. */
     axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, setpoint, setpoint);
   }
 }
@@ -68,8 +68,9 @@ bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most)
   }
   if (drive->tracking != tracking) {
     drive->settling_tick = 0;
-    drive->slowing = 0; /* A new ramp to standstill has another start speed, so its deceleration is
-                         * computed again. */
+    /* A new ramp to standstill has another start speed, so its deceleration must be computed
+     * again. */
+    drive->slowing = 0;
     shaper_clear(&drive->force_shaper);
     shaper_clear(&drive->motion_shaper);
     profile_set(&drive->trajectory, axis->signals.position);

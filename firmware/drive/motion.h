@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_DRIVE_MOTION_H_
 #define FIRMWARE_DRIVE_MOTION_H_
 
-/* Moves the axis for a mode of operation along the trajectory of the drive, within the limits of
- * the axis. The functions write the mode and the set-points of the axis for the next tick.
+/* Functions with which a mode of operation moves the axis along the trajectory of the drive, within
+ * the limits of the axis. They write the mode and the set-points of the axis for the next tick.
  * Positions are in user units. Speeds are in Q16 counts per tick, in the direction of the
  * encoder. */
 
@@ -13,8 +13,8 @@
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 
-/* Longest time for which the axis may still move after its trajectory has reached standstill: 100
- * ms. */
+/* Longest time in ticks in which the axis may still move after its trajectory has reached
+ * standstill: 100 ms. */
 enum { CIA402_SETTLING_TICKS = 150 };
 
 /* Saves parameters of the axis, so that the drive may override them in the next tick;
@@ -33,8 +33,8 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* Limits the DAC code of the force law in the next tick if the law has no certificate. Call this
- * function after motion_override(). */
+/* If the force law has no certificate, limits its DAC code in the next tick. Call this function
+ * after motion_override(). */
 static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   if (axis->params.output_limit > drive->law_output) {
     const int16_t most = (int16_t)drive->law_output;
@@ -45,12 +45,14 @@ static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Disables the axis and restores a gain that the contact guard has halved. */
+/* Disables the axis. If the contact guard has halved the gain of the force law, restores the
+ * gain. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
-/* Selects the trajectory CIA402_TRACKING_AXIS or CIA402_TRACKING_VIRTUAL. A new trajectory begins
- * at the position of the axis and with the speed of the axis, limited to `most`. Returns false and
- * disables the axis if the axis has not had a valid encoder count yet. */
+/* Selects how the trajectory is used: CIA402_TRACKING_AXIS or CIA402_TRACKING_VIRTUAL. A new
+ * trajectory begins at the position of the axis and with the speed of the axis. This speed is
+ * limited to `most`. Returns false and disables the axis if the axis has not had a valid encoder
+ * count yet. */
 bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most);
 static inline bool motion_track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most) {
   return (axis->primed != 0 && drive->tracking == tracking) ||
@@ -60,24 +62,24 @@ static inline bool motion_track_axis(cia402_t *drive, axis_t *axis) {
   return motion_track(drive, axis, CIA402_TRACKING_AXIS, drive->speed_max);
 }
 
-/* Sets the position of the trajectory as the position set-point of the axis. */
+/* Copies the position of the trajectory to the position set-point of the axis. */
 void motion_follow(cia402_t *drive, axis_t *axis);
 
-/* Returns the smallest decrease per tick with which a ramp to standstill, including settling, ends
- * within CIA402_STOPPING_TICKS. `size` is the remaining speed or force. Call this function in each
- * tick of the ramp. */
+/* A ramp to standstill and the following settling must end within CIA402_STOPPING_TICKS. Returns
+ * the smallest decrease per tick that is sufficient for this. `size` is the remaining speed or
+ * force. Call this function in each tick of the ramp. */
 int32_t motion_least_step(cia402_t *drive, uint32_t size);
 
-/* Computes one tick of a ramp to standstill with the deceleration `rate` (Q16), or with a larger
- * deceleration if the ramp would end too late. After the ramp the axis stays at its position. If
- * the axis does not follow the trajectory yet, the ramp begins at the position and speed of the
- * axis. Returns true when trajectory and axis are at standstill. Also returns true when the
- * trajectory alone has been at standstill for CIA402_SETTLING_TICKS, because an axis without power
- * would only coast. */
+/* Computes one tick of a ramp to standstill. The deceleration is `rate` (Q16), or more if the ramp
+ * would end too late. After the ramp the axis stays at its position. If the axis does not follow
+ * the trajectory yet, the ramp begins at the position and speed of the axis. Returns true when both
+ * the trajectory and the axis are at standstill. Also returns true when only the trajectory has
+ * been at standstill for CIA402_SETTLING_TICKS, because an axis without power does not follow its
+ * trajectory. */
 bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
 
-/* Returns true if trajectory and axis are at standstill. The axis is at standstill if its speed is
- * within velocity_threshold. */
+/* Returns true if both the trajectory and the axis are at standstill. The axis is at standstill if
+ * its speed is at most velocity_threshold. */
 bool motion_stands(const cia402_t *drive);
 
 /* Highest speed of the axis, in counts per tick, at which a trajectory may begin. */
@@ -89,9 +91,9 @@ static inline const profile_t *motion_followed(const cia402_t *drive) {
   return shaper_has_begun(&drive->motion_shaper) ? &drive->shaped : &drive->trajectory;
 }
 
-/* Applies input shaping to a step of the trajectory; `before` is the speed before this step. The
- * shaper begins only while the trajectory is at standstill. A trajectory that begins in motion is
- * not shaped until its next standstill. */
+/* Applies input shaping to one step of the trajectory. `before` is the speed of the trajectory
+ * before this step. The shaper begins only while the trajectory is at standstill. A trajectory that
+ * begins in motion is not shaped until its next standstill. */
 void motion_shape_step(cia402_t *drive, int32_t before);
 static inline void motion_shape(cia402_t *drive, int32_t before) {
   if (shaper_is_on(&drive->motion_shaper)) {
@@ -99,8 +101,8 @@ static inline void motion_shape(cia402_t *drive, int32_t before) {
   }
 }
 
-/* Ends input shaping, for stops and when a mode ends. The trajectory continues from the commanded
- * position and speed of the axis. */
+/* Ends input shaping of the trajectory. This is necessary at a stop and at the end of a mode. The
+ * trajectory continues from the commanded position and speed of the axis. */
 void motion_unshape(cia402_t *drive);
 
 /* Input shaping delays the trajectory that the axis follows. motion_has_place() returns true if the
@@ -113,14 +115,16 @@ static inline bool motion_has_speed(const cia402_t *drive) {
   return motion_followed(drive)->velocity_q16 == drive->trajectory.velocity_q16;
 }
 
-/* Returns the speed of the axis, limited to +-MOTION_SPEED_MAX_CNT. */
+/* Returns the speed of the axis in Q16 counts per tick. Its magnitude is limited to
+ * MOTION_SPEED_MAX_CNT counts per tick. */
 static inline int32_t motion_axis_speed(const axis_t *axis) {
   return fx_scale(fx_clamp(axis->signals.velocity, -MOTION_SPEED_MAX_CNT, MOTION_SPEED_MAX_CNT),
                   16);
 }
 
-/* motion_has_limits() returns true if the position limits or the range of the user units bound the
- * position. motion_within_limits() returns a position that is limited to the position limits. */
+/* motion_has_limits() returns true if positions are limited: by the position limits (607Dh), or
+ * because a position in user units must not exceed 32 bits. motion_within_limits() limits a
+ * position to these limits. */
 static inline bool motion_has_limits(const cia402_t *drive) {
   return drive->units.scaled != 0 || drive->params.position_limit_min != INT32_MIN ||
          drive->params.position_limit_max != INT32_MAX;
@@ -132,9 +136,9 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
   return bounded;
 }
 
-/* Distance from a Q32 position, or from the position of the trajectory, to a target. The direction
- * is that of the shorter distance modulo 2^32. With position limits it is the direction that does
- * not cross a limit. */
+/* Distance to a target position, from a given Q32 position or from the position of the trajectory.
+ * Its direction is the direction of the shorter way modulo 2^32. If positions are limited, it is
+ * the direction that does not cross a limit. */
 typedef struct {
   uint64_t magnitude_q16;
   bool negative;
@@ -151,8 +155,8 @@ static inline void motion_move_to(cia402_t *drive, int32_t user,
   trajectory_move(&drive->trajectory, distance.magnitude_q16, distance.negative, limits);
 }
 
-/* Moves the trajectory by one tick towards a target speed. The trajectory stops at a position limit
- * in the direction of motion. */
+/* Moves the trajectory by one tick towards a target speed. If there is a position limit in the
+ * direction of motion, the trajectory stops at this limit. */
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits);
 
 #endif

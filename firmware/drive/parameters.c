@@ -6,8 +6,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* WHOLE: all of a value, in per mille; OUTPUT_MAX: value of output_limit that does not limit the
- * DAC code. */
+/* WHOLE: 100 %, in per mille. OUTPUT_MAX: the value of output_limit with which the DAC code is not
+ * limited. */
 enum { WHOLE = 1000, OUTPUT_MAX = 2048 };
 
 static void derive_rates(cia402_t *drive) {
@@ -20,8 +20,8 @@ static void derive_rates(cia402_t *drive) {
 
 static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  /* One per mille of a rated force in mN is the same number in uN. One count of measured force is
-   * force_scale uN and 256 units. */
+  /* rated_force is in mN, so one per mille of it is rated_force in uN. One count of measured force
+   * is force_scale uN, and also 256 units of the measured force. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
   const int32_t limit = params->force_limit;

@@ -1,32 +1,32 @@
 #ifndef FIRMWARE_DRIVE_PARAMETERS_H_
 #define FIRMWARE_DRIVE_PARAMETERS_H_
 
-/* Parameters of the drive: which values are consistent with each other, and which values are
- * derived from them. The drive computes derived values when a parameter is written, because the
- * computation would be too long for every tick. */
+/* Parameters of the drive: checks whether values are consistent with each other, and values that
+ * are computed from the parameters. The drive computes these values when a parameter is written,
+ * because the computation would take too long in every tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive_state.h"
 
-/* Reactions of the drive when it has to stop the axis: values of 6007h and 605Ah, and the values
- * that 605Bh to 605Eh have in common. */
+/* Reactions of the drive when it must stop the axis. They are values of 6007h and 605Ah, and those
+ * values of 605Bh to 605Eh that these objects have in common. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
 enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
 enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 
-/* Computes all values that are derived from the parameters: user units, speeds and accelerations of
- * the trajectory, ratios between per mille of rated_force and counts of the measured force, and the
+/* Computes all values that depend on the parameters: the user units, the speeds and accelerations
+ * of the trajectory, the ratio of per mille of rated_force to counts of the measured force, and the
  * available homing methods. */
 void parameters_derive(cia402_t *drive);
 
 /* Computes the values that are derived from the changed parameter `object` (AXIS_OBJ_). Returns
- * true if the change gives another meaning to a target that was written before. */
+ * true if earlier written targets have another meaning after the change. */
 bool parameters_written(cia402_t *drive, uint16_t object);
 
-/* Checks whether a value within its range may be written to an object of the drive. Returns FW_OK
- * or FW_ERROR_RANGE. */
+/* Checks whether `value`, which is within the range of the object, may be written to an object of
+ * the drive. Returns FW_OK or FW_ERROR_RANGE. */
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 
 /* Restricts a force law without a certificate, or removes the restriction. In every mode that

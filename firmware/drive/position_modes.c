@@ -7,15 +7,15 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Largest lead of the position set-point for a velocity offset. With a larger lead the position law
- * saturates. */
+/* Largest lead of the position set-point that a velocity offset causes, in 1/256 count. With a
+ * larger lead the position law saturates. */
 #define LEAD_MAX_Q8 (INT32_C(65536) * 256)
 
 void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool at_once = (params->controlword & AXIS_CONTROLWORD_AT_ONCE) != 0;
   if (drive->setpoint_buffered != 0 && !at_once) {
-    return; /* The buffer is full, so the new set-point is not acknowledged. */
+    return; /* A set-point is already buffered, so the new set-point is not acknowledged. */
   }
   cia402_setpoint_t setpoint = {.position = params->target_position,
                                 .speed = params->trajectory_velocity};
@@ -33,15 +33,15 @@ void position_take_setpoint(cia402_t *drive) {
     drive->buffered = setpoint;
     drive->setpoint_buffered = 1;
   }
-  /* The target position is used for this set-point, and not for a later cyclic mode. */
+  /* The target position is used for this set-point, so a later cyclic mode does not use it. */
   drive->position_written = 0;
   drive->acknowledged = 1;
   drive->reached_tick = 0;
   drive->stopped_by_contact = 0;
 }
 
-/* Ends a set-point that the trajectory has reached or passed. Continues with the buffered set-point
- * if there is one. */
+/* Ends a set-point that the trajectory has reached or passed. If there is a buffered set-point,
+ * makes it the active set-point. */
 static void end_setpoint(cia402_t *drive) {
   drive->setpoint_active = drive->setpoint_buffered;
   if (drive->setpoint_buffered != 0) {
@@ -50,9 +50,9 @@ static void end_setpoint(cia402_t *drive) {
   }
 }
 
-/* Makes the place of the trajectory the set-point that is reached. The stored position stays the
- * value that the client wrote if this value is the same place: a conversion from the count would
- * round the value, and in relative moves the rounding errors would accumulate. */
+/* Stores the position of the trajectory as the position of the reached set-point. If the position
+ * that the client wrote is the same encoder count, it is not changed: a conversion of the count
+ * would round it, and the rounding errors of relative moves would accumulate. */
 static void keep_place(cia402_t *drive) {
   const int32_t count = fx_cnt_from_q32(drive->trajectory.position_q32);
   if (cia402_encoder(drive, drive->setpoint.position) != count) {
@@ -60,8 +60,9 @@ static void keep_place(cia402_t *drive) {
   }
 }
 
-/* Moves the trajectory by one tick towards the set-point. `known` is the distance to it, or NULL.
- */
+/* Moves the trajectory by one tick towards the set-point. `known` is the distance to the set-point;
+ * NULL if the distance is not known.
+ **/
 static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   const trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, drive->setpoint.speed));
@@ -93,8 +94,8 @@ static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   }
 }
 
-/* Ends a guarded move. The axis stops at its present position, not at the position of the
- * trajectory, which is ahead. */
+/* Ends a guarded move at contact. The axis stops at its present position. It does not move on to
+ * the position of the trajectory, which is ahead of the axis. */
 static void stop_by_contact(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
   shaper_clear(&drive->motion_shaper);
@@ -104,7 +105,8 @@ static void stop_by_contact(cia402_t *drive, const axis_t *axis) {
   keep_place(drive);
 }
 
-/* Limits a speed in user units and converts the speed to the direction of the encoder. */
+/* Converts a speed in user units per second to Q16 counts per tick in the direction of the encoder,
+ * and limits it. */
 static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   const uint32_t size = fx_magnitude(per_s);
   drive->limited |= (uint8_t)(size > drive->params.velocity_max);
@@ -112,7 +114,8 @@ static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, AXIS_POLARITY_VELOCITY);
 }
 
-/* Returns the target velocity. In cyclic velocity mode the result includes velocity_offset. */
+/* Returns the target velocity of the active mode. In cyclic velocity mode velocity_offset is
+ * added. */
 static int32_t wanted_velocity(const cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool cyclic =
@@ -130,9 +133,9 @@ void position_follow_velocity(cia402_t *drive, bool at_once) {
   motion_move_at(drive, bounded_speed(drive, wanted_velocity(drive)), &limits);
 }
 
-/* Returns the lead of the position set-point for a velocity offset v. The law u = k_p e - k_d
- * (v_axis - v) has the same output as the law without v and with a set-point that is k_d v / k_p
- * ahead. */
+/* Returns the lead of the position set-point with which the position law has the same output as
+ * with a velocity offset v. The law with the offset is u = k_p e - k_d (v_axis - v). So the lead is
+ * k_d v / k_p. */
 static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   if (drive->params.velocity_offset == 0 || gains->position_gain == 0) {
     return 0;
@@ -144,8 +147,8 @@ static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   return (speed_q8 < 0) ? -lead : lead;
 }
 
-/* Computes one tick of cyclic position mode. The axis moves in equal steps during the interpolation
- * period, then waits for the next target. */
+/* Computes one tick of cyclic position mode. During the interpolation period the axis moves in
+ * equal steps to its target. After this period it waits for the next target. */
 void position_cyclic(cia402_t *drive, axis_t *axis) {
   const int32_t most = drive->speed_max;
   if (drive->position_written == 0) {
@@ -176,7 +179,8 @@ void position_guarded_move(cia402_t *drive, axis_t *axis) {
     stop_by_contact(drive, axis);
     return;
   }
-  /* The distance is already known if the axis follows the unshaped trajectory. */
+  /* If the shaped trajectory has reached the unshaped trajectory, the distance to the set-point is
+   * already known. */
   pursue_setpoint(drive, motion_has_place(drive) ? &distance : NULL);
 }
 
@@ -196,8 +200,8 @@ void position_cyclic_velocity(cia402_t *drive, axis_t *axis) {
 }
 
 static bool is_in_position_window(const cia402_t *drive, int32_t target) {
-  /* The comparison of counts is necessary, because one count may be larger than position_window in
-   * user units. */
+  /* The positions are also compared in counts, because one count may be larger than position_window
+   * in user units. */
   return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
              drive->params.position_window ||
          cia402_encoder(drive, target) == drive->signals.position_internal;

@@ -10,9 +10,9 @@
  * constant command is not changed. The rounding remainder of y is added in the next tick. When x
  * has been 0 for the longest delay, the sum of all y equals the sum of all x.
  *
- * Every value of x is permitted. A step needs about 45 instructions. The first step does not need
- * more instructions: one value represents all earlier inputs, so the shaper need not fill its
- * history. */
+ * Every value of x is permitted. A step of the shaper needs about 45 instructions. The first step
+ * needs no more instructions, because one value stands for all earlier inputs and the history is
+ * not filled. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -27,14 +27,15 @@ typedef struct {
   /* number of inputs since the shaper began, at most SHAPER_TICKS; 0 before the first input */
   uint16_t age;
   uint8_t delay_tick[SHAPER_IMPULSES];
-  uint8_t next;     /* index of the next input in `history` */
+  uint8_t next;     /* index in `history` at which the next input is stored */
   uint8_t impulses; /* number of impulses; 0 if the shaper is off */
 } shaper_t;
 
 /* Sets the impulses of the shaper. Impulses that are not valid switch the shaper off. The shaper
- * begins again with the next input. Returns an AXIS_FORCE_SHAPER_STATE_: off (no impulses),
- * wrong_order (the first delay is not 0, or a delay is not longer than the previous delay),
- * wrong_sum (the sum of the amplitudes is not 65536) or valid. */
+ * begins again with the next input. Returns the state (AXIS_FORCE_SHAPER_STATE_) of the shaper.
+ * `off`: there are no impulses. `wrong_order`: the first delay is not 0, or a delay is not longer
+ * than the delay before it. `wrong_sum`: the sum of the amplitudes is not 65536. `valid`: the
+ * impulses are used. */
 uint8_t shaper_set(shaper_t *shaper, uint8_t impulses, const uint32_t amplitude[SHAPER_IMPULSES],
                    const uint8_t delay_tick[SHAPER_IMPULSES]);
 
@@ -45,8 +46,9 @@ static inline bool shaper_has_begun(const shaper_t *shaper) { return shaper->age
 /* Clears the history of the shaper, so that the next input is the first input. */
 static inline void shaper_clear(shaper_t *shaper) { shaper->age = 0; }
 
-/* Returns the shaped command of a tick. The shaper computes its first output as if all earlier
- * inputs had the value `before`. Call this function only if the shaper is on. */
+/* Returns the shaped command of a tick for the input `x`. The shaper computes its first output as
+ * if all earlier inputs had the value `before`. Call this function only while the shaper has
+ * impulses. */
 int32_t shaper_step(shaper_t *shaper, int32_t x, int32_t before);
 
 #endif

@@ -13,7 +13,7 @@ enum {
   FAULT = AXIS_DRIVE_STATE_FAULT
 };
 
-/* Bits of the controlword that command a state. */
+/* Bits of the controlword that command a change of the drive state. */
 enum {
   OFF = 0,
   SO = AXIS_CONTROLWORD_SWITCH_ON,
@@ -31,8 +31,9 @@ typedef struct {
   uint8_t to;
 } transition_t;
 
-/* Transitions of CiA 402, 7.2, with their numbers. Not in this table are T0 and T1, which need no
- * command; T13 and T14, which a fault causes; and T15, which needs a rising edge. */
+/* Transitions between the drive states, with their numbers in CiA 402, 7.2. This table does not
+ * have T0 and T1, because they need no command. It does not have T13 and T14, because a fault
+ * causes them. It does not have T15, because T15 needs a rising edge. */
 enum { TRANSITIONS = 15 };
 static const transition_t transitions[TRANSITIONS] = {
     {DISABLED, FR | QS | EV | SO, QS | EV, READY},    /* T2 shutdown */

@@ -10,10 +10,10 @@
 #include "firmware/objects/generated/axis_objects_drive.h"
 
 /* Returns the state that a controlword commands in the state `state`, or `state` if the controlword
- * commands no transition. `rising` contains the bits that were 0 in the previous controlword,
- * because only the rising edge of its bit resets a fault. `may_resume` permits a transition from
- * quick stop active to operation enabled. The caller decides whether option codes delay a
- * transition, or whether a quick stop ends in switch on disabled. */
+ * commands no transition. `rising` contains the bits that were 0 in the previous controlword and
+ * are 1 now: a fault is reset only by the rising edge of the fault reset bit. `may_resume` permits
+ * a transition from `quick stop active` to `operation enabled`. The caller decides by the option
+ * codes whether a transition is delayed, and whether a quick stop ends in `switch on disabled`. */
 uint8_t cia402_next_state(uint8_t state, uint16_t controlword, uint16_t rising, bool may_resume);
 
 /* Returns true if the power stage is on in this state. */
@@ -23,12 +23,12 @@ static inline bool cia402_is_powered(uint8_t state) {
          state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE;
 }
 
-/* Returns true if the controlword is the command "enable operation". */
+/* Returns true if the controlword is the command `enable operation`. */
 bool cia402_enables(uint16_t controlword);
 
-/* Returns true if a write of this value to an object requests a stop, which every source may do.
- * Such a write is a controlword of shutdown, switch on (disable operation), disable voltage, quick
- * stop or halt, or the native mode disabled. */
+/* Returns true if a write of `value` to `object` requests a stop. Every source may request a stop.
+ * Such a write is the native mode `disabled`, or a controlword with the command `shutdown`, `switch
+ * on` (`disable operation`), `disable voltage` or `quick stop`, or with the halt bit. */
 bool cia402_is_stop(uint16_t object, int32_t value);
 
 /* Returns the next state for a controlword whose source may only stop the axis. The result is

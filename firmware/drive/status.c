@@ -14,8 +14,8 @@ static bool is_enabled(const cia402_t *drive) {
          !first_motion_is_running(&drive->guards.first_motion);
 }
 
-/* Returns the number of ticks for which the axis must be at its target before the drive reports
- * target reached. */
+/* Returns the number of ticks in which the axis must be at its target before the drive reports
+ * `target reached`. */
 static uint32_t reached_ticks(const cia402_t *drive) {
   switch (drive->mode->window) {
     case CIA402_WINDOW_POSITION:
@@ -140,8 +140,8 @@ static bool has_reached(const cia402_t *drive, const axis_t *axis) {
 }
 
 /* Returns the number of ticks for which a condition has been true. The number is 1 in the first
- * tick and rises by 2 in each call, because the condition is checked in every second tick. The
- * number saturates. */
+ * tick in which the condition is true. It rises by 2 in each call, because the condition is checked
+ * in every second tick. The number saturates. */
 static uint32_t lasting(uint32_t ticks, bool lasts) {
   if (!lasts) {
     return 0;
@@ -157,8 +157,8 @@ static void check_target_and_standstill(cia402_t *drive, const axis_t *axis) {
   const bool slow =
       fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
   drive->restricted = (uint8_t)(drive->controlled & drive->uncertified);
-  /* A running cycle has its own conditions, so the drive does not report whether its targets are
-   * reached. */
+  /* A running cycle checks its own conditions, so the drive does not report whether the targets of
+   * its phases are reached. */
   const bool reports = is_enabled(drive) && !cycle_is_running(&drive->cycle);
   drive->reached_tick = lasting(drive->reached_tick, reports && has_reached(drive, axis));
   drive->standing_tick = lasting(drive->standing_tick, slow);
@@ -168,8 +168,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
   const bool controlled = drive->controlled != 0;
   guards_observe(&drive->guards, &drive->params, &drive->signals, axis, controlled);
-  /* The signals are computed partly in even and partly in odd ticks, so that the longest tick is
-   * shorter. */
+  /* Some signals are computed only in even ticks, and the others only in odd ticks. So the longest
+   * tick is shorter. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
     drive->signals.velocity_sensor =

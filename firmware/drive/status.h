@@ -5,8 +5,8 @@
 
 #include "firmware/drive/drive_state.h"
 
-/* Computes every signal of the drive after a tick, and counts the ticks for which the target has
- * been reached and the axis has been at standstill. */
+/* Computes every signal of the drive after a tick. Counts the ticks for which the target has been
+ * reached, and the ticks for which the axis has been at standstill. */
 void cia402_observe(cia402_t *drive, const axis_t *axis);
 
 /* Updates only the drive state, the error code and the statusword. Call this function after a write

@@ -11,8 +11,8 @@ void trajectory_step(profile_t *trajectory, int32_t speed) {
 static int32_t lower(int32_t a, int32_t b) { return (a < b) ? a : b; }
 static int32_t higher(int32_t a, int32_t b) { return (a > b) ? a : b; }
 
-/* Returns the speed of the next tick. d is the distance to the target position, and v is the
- * present speed towards the target. */
+/* Returns the speed of the trajectory in the next tick. d is the distance to the target position,
+ * and v is the present speed towards the target. */
 static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limits) {
   const int32_t most = limits->speed;
   const int32_t up = limits->acceleration;

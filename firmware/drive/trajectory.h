@@ -14,14 +14,14 @@
 #include "firmware/core/profile.h"
 
 typedef struct {
-  /* limit of the speed, >= 0; a faster trajectory brakes to this limit */
+  /* limit of the speed, >= 0; if the trajectory is faster, it brakes to this limit */
   int32_t speed;
   int32_t acceleration; /* largest increase of the speed per tick */
   int32_t deceleration; /* largest decrease of the speed per tick */
 } trajectory_limits_t;
 
-/* Largest acceleration and deceleration, in Q16 counts per tick squared. With this value a speed
- * changes practically in one tick. */
+/* Largest acceleration and deceleration, in Q16 counts per tick squared. With this value the speed
+ * reaches its target in practically one tick. */
 #define TRAJECTORY_RATE_MAX INT32_C(16777216)
 
 /* Moves the trajectory by one tick towards a position at the distance distance_q16
@@ -31,11 +31,11 @@ typedef struct {
 void trajectory_move(profile_t *trajectory, uint64_t distance_q16, bool negative,
                      const trajectory_limits_t *limits);
 
-/* Changes the speed of the trajectory by one tick towards `speed`, at most limits->speed. If the
- * sign changes, the speed is 0 in one tick. */
+/* Computes one tick of a change of the speed to `speed`. The magnitude of `speed` is limited to
+ * limits->speed. If the sign of the speed changes, the speed is 0 for one tick. */
 void trajectory_ramp(profile_t *trajectory, int32_t speed, const trajectory_limits_t *limits);
 
-/* Moves the trajectory by one tick at the speed `speed`, independent of its previous speed. */
+/* Moves the trajectory by one tick at the speed `speed`. Its previous speed has no influence. */
 void trajectory_step(profile_t *trajectory, int32_t speed);
 
 #endif

@@ -1,6 +1,6 @@
 #include "firmware/drive/units.h"
 
-/* Largest speed of the trajectory: 3,072,000 count/s. */
+/* Largest speed of the trajectory, in Q16 counts per tick: 3,072,000 count/s. */
 #define SPEED_MAX_Q16 INT32_C(134217728)
 
 enum { RATIO_BITS_MAX = 20 };
@@ -11,8 +11,8 @@ bool units_depend_on(uint16_t object) {
          object == AXIS_OBJ_FEED || object == AXIS_OBJ_FEED_SHAFT_REVOLUTIONS;
 }
 
-/* Returns the value that is about to be written if `object` is this parameter, otherwise the stored
- * value. */
+/* Value of the parameter OBJECT after the write: `value` if OBJECT is the object that is written,
+ * otherwise its stored value. */
 #define VALUE_OF(OBJECT, stored) ((object == (OBJECT)) ? (uint32_t)value : (stored))
 
 static bool ratio_of(const drive_params_t *params, uint16_t object, int32_t value,

@@ -9,9 +9,10 @@
  * increments * gear motor revolutions) in lowest terms. Each position is converted exactly from the
  * complete count, never from a difference of counts, so rounding errors do not accumulate.
  *
- * With a feed, positions do not wrap. A position saturates where the count or the position in user
- * units exceeds 32 bits, and no mode moves the axis across these two ends. Only the CiA 402 objects
- * of the drive are in user units. The objects from 2000h on, 6063h and 6069h are in counts. */
+ * With a feed, positions do not wrap. A position saturates if the count or the position in user
+ * units would exceed 32 bits. No mode moves the axis across the two ends of this range. Only the
+ * CiA 402 objects of the drive are in user units. The objects from 2000h on, 6063h and 6069h are in
+ * counts. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,15 +21,16 @@
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 
-/* Returns true if the ratio of user units to counts depends on this parameter (AXIS_OBJ_). */
+/* Returns true if the ratio of user units to counts depends on the parameter `object`
+ * (AXIS_OBJ_). */
 bool units_depend_on(uint16_t object);
 
-/* Returns true if the parameters would give a valid ratio of user units after a write of `value` to
+/* Returns true if the ratio of user units to counts would be valid after a write of `value` to
  * `object`. A ratio is valid if n and d are below 2^31, and n / d is from 2^-20 to 2^21. */
 bool units_fit(const drive_params_t *params, uint16_t object, int32_t value);
 
 /* Computes the user units from the parameters. If the parameters give no valid ratio, the user unit
- * is the count, as without a feed. */
+ * is the encoder count, as if there were no feed. */
 void units_derive(cia402_t *drive);
 
 static inline int32_t cia402_signed_by(const cia402_t *drive, int32_t value, uint8_t bit) {
@@ -42,7 +44,7 @@ static inline int32_t cia402_user(const cia402_t *drive, int32_t encoder_cnt) {
   return (drive->units.scaled == 0) ? count : fx_fraction_apply(count, &drive->units.user_of_cnt);
 }
 
-/* Converts a position in user units to a count from the origin. */
+/* Converts a position in user units to the number of counts from the origin. */
 static inline int32_t cia402_count(const cia402_t *drive, int32_t user) {
   const int32_t count =
       (drive->units.scaled == 0) ? user : fx_fraction_invert(user, &drive->units.user_of_cnt);
@@ -54,12 +56,13 @@ static inline int32_t cia402_encoder(const cia402_t *drive, int32_t user) {
   return fx_diff_wrap(cia402_count(drive, user), drive->origin_cnt);
 }
 
-/* Converts a speed, at most 2^31-1 user units per second, or an acceleration to the units of the
- * trajectory. A value other than 0 gives at least 1. */
+/* units_speed_q16() converts a speed of at most 2^31-1 user units per second to the unit of the
+ * trajectory, and units_rate_q16() converts an acceleration. If the value is not 0, the result is
+ * at least 1. */
 int32_t units_speed_q16(const cia402_t *drive, uint32_t per_s);
 int32_t units_rate_q16(const cia402_t *drive, uint32_t per_s2);
 
-/* Converts a speed in count/s to user units per second, in the direction of the user. */
+/* Converts a speed in count/s to user units per second, in the direction of the user positions. */
 static inline int32_t units_user_speed(const cia402_t *drive, int32_t count_per_s) {
   const int32_t speed = cia402_signed_by(drive, count_per_s, AXIS_POLARITY_VELOCITY);
   return (drive->units.scaled == 0) ? speed
