@@ -42,16 +42,18 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
 
 /* What a phase does.
  *   MOVE           the axis moves to a position
- *   MOVE_BY        the axis moves by a distance from the position demanded at the start of the
- * phase MOVE_TO_DEPTH  the axis moves to the position that has a given depth if the press does not
+ *   MOVE_BY        the axis moves by a distance from the position that was demanded when the phase
+ *                  began
+ *   MOVE_TO_DEPTH  the axis moves to the position that has a given depth if the press does not
  *                  deflect
  *   APPROACH       the axis moves by a distance, as in MOVE_BY, and stops at contact
  *   PRESS          the axis presses with a force; without contact it approaches as in mode 4
  *   WAIT           the axis brakes to standstill and stays at its position
  *   FOLLOW         the axis presses as in PRESS; the target is the force of a table (table.h), in
- *                  1/256 per mille of rated_force, over the time or the travel since the phase
- * began TARE           the axis waits, and the offset of the force is measured (see below) OUTPUT
- * the axis waits; the target of the phase is reached in its first tick
+ *                  1/256 per mille of rated_force, over the time or the travel since the begin of
+ *                  the phase
+ *   TARE           the axis waits, and the offset of the force is measured (see below)
+ *   OUTPUT         the axis waits; the target of the phase is reached in its first tick
  *
  * A phase of any action switches its digital outputs when the phase begins. At the end of the cycle
  * all outputs except those of outputs_keep go off, whatever has ended the cycle. An output of
@@ -87,17 +89,20 @@ enum {
 
 /* Kinds of conditions, and when a condition is met. `level` is in the unit of the compared value.
  *   REACHED       the target of the phase is reached. In FOLLOW, the time or the travel must also
- * be at or beyond the last point of the table. In TARE, the offset must be measured. In WAIT, the
- * condition is never met TIME          the phase has lasted for `level` ticks FORCE_ABOVE   the
- * measured force minus the offset of TARE is at least `level`; FORCE_BELOW: at most `level`
+ *                 be at or beyond the last point of the table. In TARE, the offset must be
+ *                 measured. In WAIT, the condition is never met
+ *   TIME          the phase has lasted for `level` ticks
+ *   FORCE_ABOVE   the measured force minus the offset of TARE is at least `level`; FORCE_BELOW: it
+ *                 is at most `level`
  *   TRAVEL_ABOVE  the travel since the phase began is at least `level`, in either direction
- *   DEPTH_ABOVE   travel 0 was found, and the depth is at least `level`; DEPTH_BELOW: at most
+ *   DEPTH_ABOVE   travel 0 was found, and the depth is at least `level`; DEPTH_BELOW: travel 0 was
+ *                 found, and the depth is at most `level`
  *   CONTACT, LOST the axis is in contact; LOST: it is not in contact
  *   INPUT_ON, OFF all digital inputs in the mask `level` are on; INPUT_OFF: all are off
- *   STIFFNESS_ABOVE  change of the force divided by change of the travel, over the last complete
- *                 section of stiffness_travel in this phase, is at least `level`. The unit of
- *                 `level` is 1/65536 of 1/256 count of force per encoder count. STIFFNESS_BELOW: at
- *                 most `level` */
+ *   STIFFNESS_ABOVE  the change of the force divided by the change of the travel, over the last
+ *                 complete section of stiffness_travel in this phase, is at least `level`. The unit
+ *                 of `level` is 1/65536 of 1/256 count of force per encoder count.
+ *                 STIFFNESS_BELOW: it is at most `level` */
 enum {
   CYCLE_NEVER = 0,
   CYCLE_REACHED = 1,
@@ -130,8 +135,8 @@ typedef struct {
   uint8_t reaction; /* number of the phase that follows if a limit is exceeded, or CYCLE_END: the
                      * cycle ends */
   int16_t force;    /* PRESS: target of the force in per mille of rated_force */
-  /* PRESS, FOLLOW: rate of change of the demanded force in per mille of rated_force per second, >
-   * 0 */
+  /* PRESS, FOLLOW: rate of change (> 0) of the demanded force, in per mille of rated_force per
+   * second */
   uint32_t slope;
   int32_t target; /* actions that move the axis: position or distance in user units; TARE: number
                    * of ticks */

@@ -61,8 +61,7 @@ static void keep_place(cia402_t *drive) {
 }
 
 /* Moves the trajectory by one tick towards the set-point. `known` is the distance to the set-point;
- * NULL if the distance is not known.
- **/
+ * NULL if the distance is not known. */
 static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
   const trajectory_limits_t limits =
       cia402_limits(drive, cia402_speed_q16(drive, drive->setpoint.speed));

@@ -6,10 +6,11 @@
 #include "firmware/drive402/drive402_setup.h"
 #include "firmware/fx/bytes.h"
 
-/* Identifiers of the predefined connection set, less the node id. */
+/* CAN identifiers of the predefined connection set, without the node id that is added to each of
+ * them. */
 enum { NMT_ID = 0x000, EMCY_ID = 0x080, TPDO_ID = 0x180, SDO_ID = 0x580, HEARTBEAT_ID = 0x700 };
 
-/* NMT commands, and states in heartbeats. */
+/* Commands of NMT, and NMT states in heartbeats. */
 enum { NMT_START = 0x01, NMT_RESET_NODE = 0x81, NMT_BOOTED = 0x00, NMT_OPERATIONAL = 0x05 };
 
 static void enter(drive402_t *master, uint8_t phase) {
@@ -20,7 +21,8 @@ static void enter(drive402_t *master, uint8_t phase) {
   master->wait_ticks = 0;
 }
 
-/* Returns false if the fraction has more than 31 bits in lowest terms. */
+/* Computes the scale of the target. Returns false if its numerator or denominator has more than 31
+ * bits in lowest terms. */
 static bool set_scale(drive402_t *master) {
   const drive402_config_t *config = master->config;
   const uint32_t over[3] = {config->scale_num, 1, 1};
@@ -61,7 +63,8 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
     receive_boot_up(master);
     return;
   }
-  /* one tick more, because the frame was received after the last tick */
+  /* One more tick is permitted, because the heartbeat was received some time after the last
+   * tick. */
   master->drive_heartbeat_ticks = fx_ticks_from_ms(master->config->heartbeat_timeout_ms) + 1;
   master->operational = (state == NMT_OPERATIONAL) ? 1 : 0;
   if (master->phase == DRIVE402_RUNNING && state != NMT_OPERATIONAL) {
@@ -69,8 +72,9 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
-/* Processes an emergency message: error code and error register (1001h). Code 0 is the end of an
- * error. Without a bit in the register no error is present, so the message is a warning. */
+/* Processes an emergency message: error code and error register (1001h). Error code 0 reports the
+ * end of an error. If no bit of the error register is 1, no error is present, and the message is a
+ * warning. */
 static void receive_emergency(drive402_t *master, const can_frame_t *frame) {
   const uint16_t code = (frame->length == 8) ? (uint16_t)fx_load_le(frame->data, 2) : 0;
   if (code == 0) {
@@ -157,7 +161,8 @@ static void send_heartbeat(drive402_t *master) {
   }
 }
 
-/* A tick that waits for the end of a stop, and then for the boot-up message. */
+/* Computes a tick of the phase RESETTING: waits for the end of a stop, resets the node, and waits
+ * for the boot-up message. */
 static void reset_node(drive402_t *master) {
   if (master->stop_ticks > 0) {
     return;
@@ -177,7 +182,8 @@ static void configure(drive402_t *master) {
   }
 }
 
-/* Returns the reason why a started drive is not ready yet, such as a missing TPDO. */
+/* Returns the reason why the drive, whose node was started, is not ready yet, for example a missing
+ * TPDO. */
 static uint8_t start_reason(const drive402_t *master) {
   if (master->sampled != 0) {
     return DRIVE402_START_TIMEOUT;
@@ -207,8 +213,8 @@ static void supervise(drive402_t *master) {
   drive402_setup_watch(master);
 }
 
-/* The work of a phase in a tick, in addition to the cyclic frames. After a failure no phase
- * continues, but a running drive is still read. */
+/* Does the work of the present phase in a tick, except the cyclic frames. After a failure no phase
+ * continues, but objects of a running drive are still read. */
 static void step(drive402_t *master) {
   if (master->phase == DRIVE402_RUNNING) {
     supervise(master);
@@ -231,8 +237,9 @@ static void step(drive402_t *master) {
   }
 }
 
-/* Acts on a command to reset. A failure to which no tick has reacted yet stays. A drive that is not
- * running yet may still report a fault. */
+/* Acts on the command `reset`. If no tick has reacted to the failure yet, the failure is not reset.
+ * A drive that is not running yet may report a fault later, so the command is kept for this
+ * case. */
 static void reset(drive402_t *master) {
   const bool in_place =
       master->phase == DRIVE402_RUNNING && (master->reason <= DRIVE402_RESET_IN_PLACE_LAST ||
@@ -270,7 +277,7 @@ void drive402_tick(drive402_t *master, const drive402_command_t *command) {
     reset(master);
   }
   master->reset_before = command->reset;
-  /* The cyclic frames continue until the node is reset. */
+  /* The master continues to send the cyclic frames until the node of the drive is reset. */
   if (master->phase >= DRIVE402_STARTING || master->since_sync != DRIVE402_NO_SYNC) {
     drive402_cycle_tick(master, command);
   }
@@ -297,7 +304,8 @@ const char *drive402_phase_text(uint8_t phase) { return phase_texts[phase]; }
 const char *drive402_state_text(uint8_t state) { return state_texts[state]; }
 const char *drive402_reason_text(uint8_t reason) { return reason_texts[reason]; }
 
-/* Abort code of CiA 301 for a value that is not permitted, such as a COB-ID with bit 30. */
+/* Abort code of CiA 301 for a value that is not permitted, for example a COB-ID in which bit 30 is
+ * 1. */
 #define REFUSED_VALUE UINT32_C(0x06090030)
 
 enum { KEY_COUNT = 15 };

@@ -30,7 +30,7 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
     master->other_length = 1;
     return;
   }
-  /* After a missing frame, the next received frame may be this frame, which is only late. */
+  /* After a missing TPDO, the next received TPDO may be the missing one, which is only late. */
   const bool late = master->missing > 0 && master->tpdos == 0;
   master->age_ticks = (uint16_t)(master->since_sync + (late ? master->cycle_ticks : 0));
   master->statusword = (uint16_t)fx_load_le(frame->data, 2);
@@ -45,16 +45,16 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
   }
 }
 
-/* Returns true if a cycle had more than one TPDO and none of them was late. A drive whose TPDO is
- * not synchronous may send several. */
+/* Returns true if more than one TPDO was received in the bus cycle, and none of them was late. If
+ * the TPDO of the drive is not synchronous, the drive may send several TPDOs in a cycle. */
 static bool is_doubled(const drive402_t *master) {
   return master->tpdos > 1 && master->missing == 0 && master->phase != DRIVE402_RESETTING &&
          (master->config->without & DRIVE402_WITHOUT_TPDO_TYPE) == 0;
 }
 
-/* Ends a bus cycle: counts consecutive SYNCs without an answer of the drive, and consecutive SYNCs
- * with more than one answer. A single additional TPDO may be a frame that a disturbed bus has
- * doubled. */
+/* Ends a bus cycle. Counts consecutive SYNCs to which the drive has sent no TPDO, and consecutive
+ * SYNCs to which it has sent more than one TPDO. A single additional TPDO is permitted, because a
+ * disturbed bus may have doubled a frame. */
 static void close_cycle(drive402_t *master) {
   master->doubled = is_doubled(master) ? (uint8_t)(master->doubled + 1) : 0;
   if (master->doubled == 2) {
@@ -83,16 +83,16 @@ static uint8_t off_reason(const drive402_t *master) {
   return (master->mode_displayed == 0) ? DRIVE402_MODE_LOST : DRIVE402_TARGET_IGNORED;
 }
 
-/* Latches a fault or an unexpected stop that the newest statusword shows, and the end of the wait
- * for an enabled drive. */
+/* Latches a failure: the newest statusword shows a fault or an unexpected stop, or the drive was
+ * not enabled in time. */
 static void watch_state(drive402_t *master, bool enabled) {
   const bool faulted = master->state == DRIVE402_FAULT || master->state == DRIVE402_FAULT_REACTION;
   const bool is_late = master->wait_ticks == 0;
   if (faulted && (master->resets_fault == 0 || is_late)) {
     drive402_fail(master, DRIVE402_DRIVE_FAULT);
   }
-  /* A drive that was on has left operation enabled without a command. This also applies if a
-   * command follows in this tick. */
+  /* A drive that was on has left the state operation enabled without a command. This is a failure
+   * even if a stop is commanded in this tick. */
   if ((enabled && is_late) || (master->was_on != 0 && !drive402_follows(master))) {
     drive402_fail(master, off_reason(master));
   }
@@ -101,8 +101,8 @@ static void watch_state(drive402_t *master, bool enabled) {
   }
 }
 
-/* Returns the target of this tick: the command while it acts; otherwise what moves nothing, that is
- * 0 or in csp the present position. */
+/* Returns the target of this tick. While the command acts, it is the target of the command.
+ * Otherwise it is a target that moves nothing: 0, or in csp mode the present position. */
 static int32_t target_of(drive402_t *master, const drive402_command_t *command, bool wanted) {
   const int32_t most = master->config->target_max;
   master->saturated = 0;
@@ -133,7 +133,8 @@ static void send_rpdo(drive402_t *master, uint16_t controlword, int32_t target) 
   master->controlword = controlword;
 }
 
-/* Starts a quick stop, or ends it as soon as the drive has left it by itself. */
+/* Starts the time of a quick stop. Ends this time as soon as the statusword shows switch on
+ * disabled or fault. */
 static void time_stop(drive402_t *master, bool stops) {
   if (stops) {
     master->stop_ticks = fx_ticks_from_ms(master->config->quick_stop_ms) + 1;
@@ -142,7 +143,7 @@ static void time_stop(drive402_t *master, bool stops) {
   }
 }
 
-/* Sends the frames of this tick, and returns whether targets act from this tick on. */
+/* Sends the frames of this tick. Returns true if targets act from this tick on. */
 static bool act(drive402_t *master, const drive402_command_t *command, bool begins) {
   const bool wanted =
       master->phase == DRIVE402_RUNNING && command->enable != 0 && master->reason == DRIVE402_NONE;
@@ -153,8 +154,8 @@ static bool act(drive402_t *master, const drive402_command_t *command, bool begi
     send_rpdo(master, controlword_of(master, wanted), target);
   }
   const bool is_on = wanted && drive402_is_on(master);
-  /* The wait for the drive continues while the drive is being enabled, and begins again after a
-   * stop. */
+  /* The master waits at most wait_ms for the drive. This time runs while the drive is being
+   * enabled, and begins again after a stop. */
   const bool is_waiting = wanted ? !is_on : master->resets_fault != 0;
   if (master->phase == DRIVE402_RUNNING && (master->stop_ticks > 0 || !is_waiting)) {
     master->wait_ticks = fx_ticks_from_ms(master->config->wait_ms) + 1;

@@ -6,15 +6,15 @@
 
 #include "firmware/drive402/drive402_state.h"
 
-/* Begins the cycle at the next tick, with the drive stopped. */
+/* Begins the bus cycle in the next tick. The drive is stopped. */
 void drive402_cycle_start(drive402_t *master);
 
-/* A tick in the phases STARTING and RUNNING: SYNC and RPDO at the begin of a cycle, an RPDO at once
- * when the drive has to stop. */
+/* Computes the cyclic frames of a tick. At the begin of a bus cycle, sends SYNC and RPDO. When the
+ * drive must stop, sends an RPDO at once. */
 void drive402_cycle_tick(drive402_t *master, const drive402_command_t *command);
 
-/* Processes a TPDO of the drive. A frame without exactly 8 bytes, or before the first
- * SYNC, is ignored. */
+/* Processes a TPDO of the drive. A frame of another length than 8 bytes is ignored, and a frame
+ * before the first SYNC is ignored. */
 void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame);
 
 #endif

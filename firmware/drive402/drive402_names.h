@@ -1,17 +1,18 @@
 #ifndef FIRMWARE_DRIVE402_DRIVE402_NAMES_H_
 #define FIRMWARE_DRIVE402_DRIVE402_NAMES_H_
 
-/* Names for the reports of a drive's master: its phase, the state of the drive, and the reason of a
- * failure with its text. Each list is written once: X(name, text) for each entry. */
+/* Names and texts for what the master of a drive reports: the phase of the master, the state of the
+ * drive, and the reason of a failure. Each list exists only once, as a macro with X(name, text) for
+ * each entry. */
 
-/* Phases of the master, in their order. */
+/* Phases of the master in the order in which they follow each other. */
 #define DRIVE402_PHASES(X)                                         \
   X(RESETTING, "waits for the boot-up of the drive after a reset") \
   X(CONFIGURING, "writes and reads back the objects of the drive") \
   X(STARTING, "waits for the first TPDO and an operational drive") \
   X(RUNNING, "exchanges cyclic frames with the drive")
 
-/* States of the drive by its statusword, IEC 61800-7-201 (CiA 402). */
+/* States of the drive that its statusword shows, IEC 61800-7-201 (CiA 402). */
 #define DRIVE402_STATES(X)                    \
   X(NOT_READY, "not ready to switch on")      \
   X(SWITCH_ON_DISABLED, "switch on disabled") \
@@ -23,9 +24,10 @@
   X(FAULT, "fault")                           \
   X(UNKNOWN, "a statusword that the standard does not define")
 
-/* Objects that the master writes. A drive may lack some of them, or keep its own value.
- * X(name, bit, key, what): <bit> in `without` and `differs` of the configuration, lacks_<key> and
- * differs_<key> are keys in the settings of axis_linux, and <what> follows "the drive has no". */
+/* Objects that the master writes. A drive may not have some of them, or may keep its own value.
+ * X(name, bit, key, what): <bit> is the bit of the object in `without` and `differs` of the
+ * configuration. lacks_<key> and differs_<key> are the keys of the object in the settings of
+ * axis_linux. <what> is the end of a sentence that begins with "the drive has no". */
 #define DRIVE402_VALUES(X)                                                                       \
   X(SYNC_ID, 0x0001, "1005h", "object 1005h, the identifier of SYNC")                            \
   X(SYNC_PERIOD, 0x0002, "1006h", "object 1006h, the period of SYNC")                            \
@@ -37,8 +39,8 @@
   X(TPDO_TYPE, 0x0200, "1800h_2", "object 1800h:2, the transmission type of its TPDO")           \
   X(MODE, 0x0400, "6060h", "object 6060h, the mode of operation")
 
-/* All objects and bits that a drive may lack. A drive cannot keep its own mapping, because the
- * master would then read the statusword and the position from wrong bytes. */
+/* All objects and bits that a drive need not have. A drive cannot keep its own PDO mapping, because
+ * the master would then read the statusword and the position from wrong bytes. */
 #define DRIVE402_OBJECTS(X)                                                                 \
   DRIVE402_VALUES(X)                                                                        \
   X(RPDO_MAPPING, 0x0040, "1600h", "mapping in 1600h and 1400h:1 that could be changed")    \
@@ -48,10 +50,10 @@
   X(REMOTE, 0x2000, "bit_9", "bit 9 in its statusword, remote")                             \
   X(FOLLOWS, 0x4000, "bit_12", "bit 12 in its statusword, drive follows the command value")
 
-/* Reasons of a failure. The first group refuses a configuration. After a reason of the second and
- * of the last group, which begins with NOT_REMOTE, a reset resets the fault of the drive. After any
- * other reason a reset starts again with a reset of the node, because the configuration of the
- * drive is no longer certain. */
+/* Reasons of a failure. With a reason of the first group a configuration is refused. After a reason
+ * of the second group or of the last group, `reset` only resets the fault of the drive. The last
+ * group begins with NOT_REMOTE. After any other reason `reset` begins with a reset of the node,
+ * because the configuration of the drive may have changed. */
 #define DRIVE402_REASONS(X)                                                                      \
   X(NONE, "nothing has failed")                                                                  \
   X(REFUSED_NODE, "node_id and own_node_id: expected two different numbers from 1 to 127")       \
@@ -120,7 +122,7 @@ enum { DRIVE402_STATES(DRIVE402_NAME_) DRIVE402_STATE_COUNT };
 enum { DRIVE402_REASONS(DRIVE402_NAME_) DRIVE402_REASON_COUNT };
 #undef DRIVE402_NAME_
 
-/* Bits of drive402_config_t.without, and the set of all bits that `differs` may have. */
+/* Bits of drive402_config_t.without, and the set of all bits that are permitted in `differs`. */
 #define DRIVE402_WITHOUT_(name, bit, key, what) DRIVE402_WITHOUT_##name = (bit),
 #define DRIVE402_DIFFERS_(name, bit, key, what) | (bit)
 enum {

@@ -2,8 +2,8 @@
 
 #include "firmware/fx/bytes.h"
 
-/* Command bytes. The upper three bits are the command. Of an expedited transfer with its size,
- * bits 2 and 3 are 4 minus the number of bytes. */
+/* First bytes of SDO frames. The upper three bits are the command specifier. In an expedited
+ * transfer with a size, bits 2 and 3 are 4 minus the number of bytes. */
 enum {
   COMMAND = 0xE0,
   DOWNLOAD_REQUEST = 0x23,
@@ -15,7 +15,8 @@ enum {
   ABORT = 0x80
 };
 
-/* Bits of UPLOAD_ANSWER, and of the answer with the first segment if it is the last one too. */
+/* Bits in the first byte of UPLOAD_ANSWER and SEGMENT_ANSWER. IS_LAST: the first segment is also
+ * the last segment. */
 enum { HAS_SIZE = 0x01, IS_EXPEDITED = 0x02, IS_LAST = 0x01, TOGGLE = 0x10 };
 
 void drive402_sdo_init(drive402_sdo_t *sdo) {
@@ -62,7 +63,7 @@ void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]) 
   }
 }
 
-/* Ends an upload with this value. */
+/* Ends an upload whose answer contains the value `value` with `bytes` bytes. */
 static void take_value(drive402_sdo_t *sdo, const uint8_t *value, uint32_t bytes) {
   if (bytes < sdo->entry.bytes) {
     sdo->state = DRIVE402_TRANSFER_UNEXPECTED;
@@ -84,7 +85,8 @@ static void take_upload(drive402_sdo_t *sdo, const uint8_t *data) {
   }
 }
 
-/* Stores the value of the first segment, which has up to 7 bytes and no address. */
+/* Stores the value in the first segment of an upload. A segment has up to 7 bytes, and contains no
+ * index of the object. */
 static void take_segment(drive402_sdo_t *sdo, const uint8_t *data) {
   const bool is_whole = (data[0] & (TOGGLE | IS_LAST)) == IS_LAST;
   take_value(sdo, data + 1, is_whole ? 7 - fx_field(data[0], 1, 3) : 0);
@@ -94,15 +96,15 @@ static bool is_address(const drive402_sdo_t *sdo, const uint8_t *data) {
   return fx_load_le(data + 1, 2) == sdo->entry.index && data[3] == sdo->entry.sub;
 }
 
-/* Counts an acknowledgement of a download for which no transfer waits. */
+/* Counts an acknowledgement of a download that no transfer is waiting for. */
 static void take_second_ack(drive402_sdo_t *sdo) {
   if (sdo->has_late_ack == 0 && sdo->doubled < UINT8_MAX) {
     sdo->doubled++;
   }
 }
 
-/* Processes the answer for which the transfer waits: to a download, or to the request of an
- * upload. */
+/* Processes the answer that the transfer is waiting for. It is the answer to a download or to the
+ * request of an upload. */
 static void take_answer(drive402_sdo_t *sdo, const uint8_t *data) {
   if (data[0] == ABORT) {
     sdo->answer = fx_load_le32(data + 4);

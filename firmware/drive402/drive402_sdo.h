@@ -2,11 +2,11 @@
 #define FIRMWARE_DRIVE402_DRIVE402_SDO_H_
 
 /* SDO client for objects of 1, 2 or 4 bytes, one transfer at a time (CiA 301). Downloads are
- * expedited. The answer to an upload may be expedited with any size or none, or one segment; the
- * lowest bytes count, and fewer bytes than those of the object are refused. A request without an
- * answer is repeated once. Between two requests are at least DRIVE402_SDO_PAUSE ticks, because some
- * drives lose frames that arrive less than 3 ms apart. An answer about another object, or without a
- * request, is ignored. */
+ * expedited. The answer to an upload may be expedited, with or without a size, or have one segment.
+ * If the answer has more bytes than the object, the lowest bytes are used; if it has fewer bytes,
+ * it is refused. A request without an answer is repeated once. The time between two requests is at
+ * least DRIVE402_SDO_PAUSE ticks, because some drives lose frames that arrive within less than 3
+ * ms. An answer that no request asked for, or that belongs to another object, is ignored. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -16,7 +16,7 @@
 typedef struct {
   uint16_t index;
   uint8_t sub;
-  uint8_t bytes; /* 1, 2 or 4 */
+  uint8_t bytes; /* size of the object in bytes: 1, 2 or 4 */
   uint32_t value;
 } drive402_entry_t;
 
@@ -24,7 +24,7 @@ enum { DRIVE402_SDO_PAUSE = 5 };
 
 enum {
   DRIVE402_TRANSFER_IDLE,
-  DRIVE402_TRANSFER_ASKS, /* a request is to be sent */
+  DRIVE402_TRANSFER_ASKS, /* a request must be sent */
   DRIVE402_TRANSFER_WAITING,
   DRIVE402_TRANSFER_DONE,
   DRIVE402_TRANSFER_TIMED_OUT,
@@ -34,32 +34,33 @@ enum {
 
 typedef struct {
   drive402_entry_t entry; /* object of the transfer */
-  uint32_t answer;        /* value that was read, or abort code */
+  uint32_t answer;        /* value that was uploaded, or abort code */
   uint32_t ticks;         /* number of ticks until the answer counts as missing; at least 1 while an
                            * answer is awaited */
   uint8_t writes;         /* 1: download, 0: upload */
   uint8_t state;          /* DRIVE402_TRANSFER_ */
   uint8_t pause;          /* number of ticks until the next request may be sent */
   uint8_t is_repeated;    /* 1: the request was repeated */
-  uint8_t is_segmented;   /* 1: the upload waits for the segment with its value */
+  uint8_t is_segmented;   /* 1: the upload waits for the segment that contains the value */
   uint8_t has_late_ack;   /* 1: the last download was sent twice, so the drive may answer it
                            * twice */
   uint8_t doubled;        /* number of downloads that were sent once and answered twice */
 } drive402_sdo_t;
 
-/* No transfer is in progress. */
+/* Initialises an SDO client: no transfer is in progress. */
 void drive402_sdo_init(drive402_sdo_t *sdo);
 
-/* Starts a transfer. */
+/* Starts a download of the entry (`writes` is true) or an upload of its object. */
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
 
-/* Counts a tick. Returns true if a request is to be sent in it. */
+/* Counts a tick. Returns true if a request must be sent in this tick. */
 bool drive402_sdo_tick(drive402_sdo_t *sdo);
 
-/* Fills the 8 bytes of this request, whose answer is missing after `ticks`. */
+/* Writes the 8 bytes of the request to `data`. After `ticks` ticks without an answer, the answer
+ * counts as missing. */
 void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]);
 
-/* Processes an answer of the server. */
+/* Processes an answer of the SDO server. */
 void drive402_sdo_receive(drive402_sdo_t *sdo, const can_frame_t *frame);
 
 #endif

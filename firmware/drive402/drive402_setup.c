@@ -4,18 +4,19 @@
 
 #include "firmware/fx/bytes.h"
 
-/* COB-ID flags of CiA 301: the PDO does not exist; no remote request is answered (TPDO). */
+/* Flags in a COB-ID of CiA 301. INVALID: the PDO does not exist. The other flag, in a TPDO: remote
+ * requests are not answered. */
 #define INVALID UINT32_C(0x80000000)
 #define NO_REQUEST UINT32_C(0x40000000)
 
 enum { RPDO = 0x200, TPDO = 0x180, SDO_REQUEST = 0x600, SYNC = 0x80 };
 enum { COUNTER = 0x1019, ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
 
-/* Number of downloads with two answers from which on there are two nodes. One may be a frame that a
- * disturbed bus has doubled. */
+/* If this number of downloads have two answers, there are two nodes with the same id. A single one
+ * is permitted, because a disturbed bus may have doubled a frame. */
 enum { DOUBLED_MAX = 2 };
 
-/* Pause in ticks between two reads of MODE_DISPLAY or ERROR_CODE: 10 ms. */
+/* Time in ticks between two reads of the objects MODE_DISPLAY or ERROR_CODE: 10 ms. */
 enum { READ_TICKS = 15 };
 
 static bool is_node(uint8_t node_id) { return node_id >= 1 && node_id <= 127; }
@@ -27,7 +28,8 @@ static bool are_times(const drive402_config_t *config) {
          config->sdo_timeout_ms >= 1 && config->wait_ms >= 1;
 }
 
-/* A mapping is always compared. */
+/* Returns true if the entries of the configuration are permitted. A PDO mapping is always compared,
+ * so it must not be in `differs`. */
 static bool are_entries(const drive402_config_t *config) {
   if ((config->differs & ~DRIVE402_DIFFERS_ALL) != 0) {
     return false;
@@ -80,8 +82,8 @@ uint8_t drive402_setup_check(const drive402_config_t *config) {
   return check_target(config);
 }
 
-/* The objects to which the bits of `without` belong. Sub-index ANY means every sub-index. The bits
- * of the mappings also include the COB-IDs. */
+/* The objects that belong to each bit of `without`. The sub-index ANY means every sub-index. The
+ * bit of a PDO mapping also includes the COB-ID of the PDO. */
 enum { ANY = 0xFF, OBJECT_COUNT = 13 };
 static const struct {
   uint16_t index;
@@ -111,14 +113,14 @@ static bool lacks(const drive402_t *master, uint16_t bit) {
   return (master->config->without & bit) != 0;
 }
 
-/* Returns true if the drive may refuse a value: the 0 that switches a mapping off, or the one in
- * 1006h that 1019h needs. */
+/* Returns true if the write of this value is only a step and the drive may refuse it: the 0 that
+ * switches a PDO mapping off, or the 0 in 1006h that a write to 1019h needs. */
 static bool is_step(uint16_t index, uint32_t value) {
   return value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00);
 }
 
-/* Adds an entry, unless the configuration leaves it out. A mapping that the drive does not permit
- * to change is only compared. */
+/* Adds an entry to the list of objects, unless the configuration leaves it out. If the drive does
+ * not permit a change of a PDO mapping, the mapping is only compared. */
 static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, uint32_t value) {
   const uint16_t bit = drive402_object_bit(index, sub);
   const bool differs = (master->config->differs & bit) != 0 || is_step(index, value);
@@ -133,8 +135,8 @@ static void add(drive402_t *master, uint16_t index, uint8_t sub, uint8_t bytes, 
   master->entry_count++;
 }
 
-/* Maps `count` objects to the first RPDO (1400h) or TPDO (1800h) in the order of CiA 301: the PDO
- * off, its type, the mapping off, each object, the mapping on, the PDO on. */
+/* Adds the entries that map `count` objects to the first RPDO (1400h) or TPDO (1800h). Their order
+ * is that of CiA 301: PDO off, transmission type, mapping off, each object, mapping on, PDO on. */
 static void add_pdo(drive402_t *master, uint16_t index, uint32_t cob_id, uint8_t type,
                     const uint32_t *mapped, uint8_t count) {
   const uint16_t mapping = (uint16_t)(index + 0x200);
@@ -173,7 +175,8 @@ void drive402_setup_list(drive402_t *master) {
   const bool has_torque = !lacks(master, DRIVE402_WITHOUT_TORQUE);
   const bool has_flag = !lacks(master, DRIVE402_WITHOUT_REQUEST_BIT);
   add(master, 0x1005, 0, 4, SYNC);
-  /* 1019h can be changed only while 1006h is 0 (CiA 301). A drive that stores neither has 0. */
+  /* 1019h can be changed only while 1006h is 0 (CiA 301). If a drive does not store these objects,
+   * 1006h is 0 anyway. */
   add(master, 0x1006, 0, 4, 0);
   add(master, COUNTER, 0, 1, 0);
   add(master, 0x1006, 0, 4, (uint32_t)config->cycle_ms * 1000);
@@ -184,14 +187,15 @@ void drive402_setup_list(drive402_t *master) {
   add_pdo(master, 0x1800, (TPDO + node_id) | (has_flag ? NO_REQUEST : 0), 1, transmitted,
           has_torque ? 3 : 2);
   add(master, 0x60C2, 1, 1, config->cycle_ms);
-  add(master, 0x60C2, 2, 1, 0xFD); /* 10^-3 s */
+  add(master, 0x60C2, 2, 1, 0xFD); /* the period is in 10^-3 s */
   add(master, 0x6060, 0, 1, config->mode);
   master->tpdo_bytes = has_torque ? 8 : 6;
   master->needed = (uint16_t)((lacks(master, DRIVE402_WITHOUT_REMOTE) ? 0 : DRIVE402_REMOTE) |
                               (lacks(master, DRIVE402_WITHOUT_FOLLOWS) ? 0 : DRIVE402_FOLLOWS));
 }
 
-/* Returns the reason why the ended transfer has failed, or DRIVE402_NONE. */
+/* Returns the reason why the last SDO transfer has failed, or DRIVE402_NONE if it has not
+ * failed. */
 static uint8_t transfer_reason(const drive402_t *master) {
   switch (master->sdo.state) {
     case DRIVE402_TRANSFER_TIMED_OUT:
@@ -205,8 +209,8 @@ static uint8_t transfer_reason(const drive402_t *master) {
   }
 }
 
-/* Keeps the object of the present transfer with the reason of its failure. The abort code is that
- * of the download, if it was refused. */
+/* Stores the reason of a failure together with the object of the present transfer. If the download
+ * of the object was refused, the stored abort code is that of the download. */
 static void fail(drive402_t *master, uint8_t reason) {
   if (master->reason == DRIVE402_NONE) {
     master->failed_index = master->sdo.entry.index;
@@ -219,7 +223,8 @@ static void fail(drive402_t *master, uint8_t reason) {
   drive402_fail(master, reason);
 }
 
-/* Sends a request that is due. Returns true until the transfer has ended. */
+/* Sends the request of the present transfer when it is due. Returns true until the transfer has
+ * ended. */
 static bool is_waiting(drive402_t *master) {
   if (drive402_sdo_tick(&master->sdo)) {
     can_frame_t *frame =
@@ -237,15 +242,15 @@ static const drive402_entry_t *entry_of(const drive402_t *master) {
                                  : &master->entries[master->entry - extra];
 }
 
-/* Returns true if the bit of the present entry is 1 in `bits`, a set with one bit for each of the
- * master's own entries. Extra entries of the configuration have no bit. */
+/* `bits` is a set with one bit for each of the master's own entries. Returns true if the bit of the
+ * present entry is 1. Extra entries of the configuration have no bit. */
 static bool is_marked(const drive402_t *master, uint32_t bits) {
   const uint8_t extra = master->config->extra_count;
   return master->entry >= extra && (bits & fx_bit(master->entry - (uint32_t)extra)) != 0;
 }
 
-/* Returns true if an entry has the value that was read. Bit 30 of a COB-ID states how the drive
- * answers remote requests, which the master never sends. */
+/* Returns true if the value that was read is the value of the entry. Bit 30 of a COB-ID is ignored,
+ * because it only affects remote requests, and the master sends no remote requests. */
 static bool is_same(const drive402_sdo_t *sdo) {
   uint8_t wanted[4] = {0, 0, 0, 0};
   fx_store_le(wanted, sdo->entry.value, sdo->entry.bytes);
@@ -255,7 +260,7 @@ static bool is_same(const drive402_sdo_t *sdo) {
   return (is_cob_id ? differs & ~NO_REQUEST : differs) == 0;
 }
 
-/* Starts the transfer of the present entry. Returns true if no entry is left. */
+/* Starts the transfer of the present entry. If there are no more entries, returns true. */
 static bool start_entry(drive402_t *master) {
   master->refused = 0;
   if (master->entry >= (uint32_t)master->config->extra_count + master->entry_count) {
@@ -265,9 +270,9 @@ static bool start_entry(drive402_t *master) {
   return false;
 }
 
-/* Acts on a transfer with an answer: reads back what was written or refused, or goes on to the next
- * entry. An object that has the value already need not be written. Returns true after the last one.
- */
+/* Acts on an answered transfer: reads back an object that was written or whose write was refused,
+ * or continues with the next entry. If the object already has the value, it need not be written.
+ * Returns true after the last entry. */
 static bool next_transfer(drive402_t *master) {
   const bool is_aborted = master->sdo.state == DRIVE402_TRANSFER_ABORTED;
   const bool is_compared = !is_marked(master, master->uncompared);
@@ -308,7 +313,8 @@ bool drive402_setup_tick(drive402_t *master) {
   return is_done;
 }
 
-/* Acts on the end of a read. 603Fh is optional, so nothing depends on it. */
+/* Acts on the end of a read of 6061h or 603Fh. 603Fh is optional, so a failed read of 603Fh is no
+ * failure. */
 static void watched(drive402_t *master) {
   const uint8_t reason = transfer_reason(master);
   if (master->sdo.entry.index == ERROR_CODE) {

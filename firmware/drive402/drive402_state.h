@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_DRIVE402_DRIVE402_STATE_H_
 #define FIRMWARE_DRIVE402_DRIVE402_STATE_H_
 
-/* The data of the master of one drive: configuration, command, feedback and state. drive402.h has
- * the functions and says how they are used. */
+/* The data of the master of one drive: configuration, command, feedback and state. The functions of
+ * the master, and their use, are in drive402.h. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,79 +20,88 @@ enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
 enum { DRIVE402_SHIFT_MAX = 16 };
 
 typedef struct {
-  /* Objects that are written before those of the master, each read back too: limits, units,
-   * polarity (607Eh), quick stop option (605Ah). NULL for none. */
+  /* Extra objects that are written before the objects of the master, and are also read back:
+   * limits, units, polarity (607Eh), quick stop option (605Ah). NULL: no extra objects. */
   const drive402_entry_t *extra;
   /* Target in units of the drive = target of the command x scale_num / (scale_den x 2^scale_shift),
-   * rounded once, half up: floor(x + 1/2). Both are 1..2^31-1. In lowest terms, numerator and
-   * denominator have to be below 2^31. */
+   * rounded once, half up: floor(x + 1/2). scale_num and scale_den are 1..2^31-1. In lowest terms,
+   * the numerator and the denominator of this fraction must be below 2^31. */
   uint32_t scale_num;
   uint32_t scale_den;
-  /* Largest magnitude of the target in units of the drive, 1..2147483642, in cst 1..32767. */
+  /* Largest magnitude of the target in units of the drive, 1..2147483642; in cst mode 1..32767. */
   int32_t target_max;
-  uint16_t heartbeat_ms;         /* period of both heartbeats (1017h), from 1 */
-  uint16_t heartbeat_timeout_ms; /* time of both heartbeat consumers (1016h), > heartbeat_ms */
-  uint16_t sdo_timeout_ms;       /* longest wait for the answer to an SDO request, from 1; a request
-                                  * is sent at most twice */
-  /* longest wait for the boot-up message, for the first TPDO, and until an enabled drive is on, a
-   * fault reset included; from 1 */
+  uint16_t heartbeat_ms; /* period of the heartbeats of both nodes (1017h), > 0 */
+  /* time of the heartbeat consumers of both nodes (1016h), > heartbeat_ms */
+  uint16_t heartbeat_timeout_ms;
+  /* longest time until the answer to an SDO request, > 0; a request is sent at most twice */
+  uint16_t sdo_timeout_ms;
+  /* longest time until the boot-up message, until the first TPDO, and until an enabled drive is on,
+   * including a reset of its fault; > 0 */
   uint16_t wait_ms;
   /* longest time for which the master commands quick stop before it disables the voltage; the quick
    * stop ends earlier if the drive reports switch on disabled or fault */
   uint16_t quick_stop_ms;
   int16_t abort_option; /* reaction of the drive to the loss of the master, for its object 6007h */
-  /* DRIVE402_WITHOUT_ bits: objects that this drive does not have or does not permit to write, and
-   * objects that are left out. The drive then has to do the same by settings of its maker. A
-   * mapping is still compared. */
+  /* Set of DRIVE402_WITHOUT_ bits for objects that are not written: the drive does not have them or
+   * does not permit a write. Settings of the manufacturer must then have the same effect in the
+   * drive. A PDO mapping is still compared. */
   uint16_t without;
-  uint16_t differs; /* bits of DRIVE402_DIFFERS_ALL: objects that are written but not compared, and
-                     * whose write may be refused */
+  /* set of bits of DRIVE402_DIFFERS_ALL for objects that are written but not compared; the drive
+   * may refuse the write */
+  uint16_t differs;
   uint8_t extra_count;
-  uint8_t cycle_ms;    /* bus cycle, an even number 2..100: a multiple of 3 ticks */
-  uint8_t mode;        /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
-  uint8_t rpdo_type;   /* 1: a target acts at the next SYNC; 254, 255: on reception */
+  /* length of the bus cycle in ms, an even number 2..100, so that it is a multiple of 3 ticks */
+  uint8_t cycle_ms;
+  uint8_t mode; /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
+  /* transmission type of the RPDO. 1: a target acts at the next SYNC; 254, 255: a target acts when
+   * it is received */
+  uint8_t rpdo_type;
   uint8_t node_id;     /* node id of the drive, 1..127 */
   uint8_t own_node_id; /* node id of the master, 1..127 */
-  uint8_t scale_shift; /* number of fractional bits of the command's target, 0..16 */
+  uint8_t scale_shift; /* number of fractional bits of the target in the command, 0..16 */
 } drive402_config_t;
 
 typedef struct {
-  /* csv, cst: speed or torque, csp: position; in units of the axis, see scale_num. It acts while
-   * `on` is reported. */
+  /* Target in units of the axis (see scale_num): a speed in csv mode, a torque in cst mode, a
+   * position in csp mode. The target acts while the feedback reports `on`. */
   int32_t target;
-  uint8_t enable; /* 1: the drive must reach operation enabled; 0: it must stop */
-  uint8_t reset;  /* a change from 0 to 1 resets a fault, or starts again after a failure */
+  uint8_t enable; /* 1: the drive must reach the state operation enabled; 0: the drive must stop */
+  /* a change from 0 to 1 resets a fault of the drive, or starts the master again after a failure */
+  uint8_t reset;
 } drive402_command_t;
 
 typedef struct {
-  int32_t position_cnt; /* 6064h; wraps at 32 bits */
-  int16_t torque;       /* 6077h, per mille of the rated torque */
-  /* ticks from the SYNC at which the drive has sampled these values to the next tick; 65535: as
-   * long or longer, or never */
+  int32_t position_cnt; /* position (6064h) in units of the drive; it wraps at 32 bits */
+  int16_t torque;       /* torque (6077h) in per mille of the rated torque */
+  /* number of ticks from the SYNC at which the drive sampled these values to the next tick; 65535:
+   * 65535 ticks or more, or no values yet */
   uint16_t age_ticks;
   uint16_t statusword; /* 6041h */
-  uint16_t error_code; /* last error code that the drive has sent by EMCY or shown in 603Fh, or 0 */
-  uint8_t fitted;      /* 1: the configuration was accepted, so the axis must have a drive */
-  /* 1: the drive follows its targets: operation enabled with bits 9 and 12, mode displayed in
-   * 6061h, no fault */
+  /* last error code of the drive, from an emergency message or from 603Fh; 0: none */
+  uint16_t error_code;
+  uint8_t fitted; /* 1: the configuration was accepted, so the axis must have a drive */
+  /* 1: the drive follows its targets. It is in the state operation enabled without a fault, bits 9
+   * and 12 of the statusword are 1, and 6061h displays the mode */
   uint8_t on;
-  uint8_t fault;     /* 1: something has failed, or the drive is in fault */
-  uint8_t limit;     /* 1: statusword bit 11, internal limit active */
+  uint8_t fault; /* 1: something has failed, or the drive is in the state fault */
+  /* 1: bit 11 of the statusword is 1, an internal limit of the drive is active */
+  uint8_t limit;
   uint8_t saturated; /* 1: the last target was limited to target_max */
   uint8_t phase;     /* DRIVE402_PHASES */
   uint8_t state;     /* DRIVE402_STATES */
   uint8_t reason;    /* DRIVE402_REASONS: the first failure since the last reset */
-  /* object whose SDO transfer has failed, or 0; and the abort code of the drive, or 0 */
+  /* failed_sub, failed_index: object whose SDO transfer has failed, or 0; abort_code: abort code of
+   * the drive, or 0 */
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
 } drive402_feedback_t;
 
-/* since_sync before the first SYNC, which no TPDO can have answered. */
+/* Value of since_sync before the first SYNC. No TPDO can be an answer to a SYNC then. */
 enum { DRIVE402_NO_SYNC = UINT16_MAX };
 
-/* Entries of the master's own configuration, and frames in a tick, at most: SYNC, RPDO, heartbeat,
- * and an NMT command or SDO request, but never both. */
+/* Largest number of entries in the master's own configuration, and largest number of frames in a
+ * tick. These frames are SYNC, RPDO, heartbeat, and either an NMT command or an SDO request. */
 enum { DRIVE402_ENTRIES = 25, DRIVE402_FRAMES = 4 };
 
 typedef struct {
@@ -100,7 +109,7 @@ typedef struct {
   fx_fraction_t scale;
   drive402_entry_t entries[DRIVE402_ENTRIES];
   drive402_sdo_t sdo;
-  can_frame_t frames[DRIVE402_FRAMES]; /* frames to send in this tick, the next one first */
+  can_frame_t frames[DRIVE402_FRAMES]; /* frames to send in this tick, in their order */
   uint8_t frame_count;
   uint8_t frame_next;
 
@@ -109,7 +118,8 @@ typedef struct {
   uint8_t failed_sub;
   uint16_t failed_index;
   uint32_t abort_code;
-  uint32_t refused;               /* SDO abort code of the last download; 0 without one */
+  /* SDO abort code with which the last download was refused; 0: it was not refused */
+  uint32_t refused;
   uint32_t read_only;             /* bit n: entry n of the master is compared, but not written */
   uint32_t uncompared;            /* bit n: entry n of the master is written, but not compared */
   uint32_t wait_ticks;            /* number of ticks until the present wait (wait_ms) ends */
@@ -120,7 +130,8 @@ typedef struct {
                                    * stop */
   uint32_t read_ticks;            /* number of ticks until object 6061h or 603Fh is read again */
   uint16_t cycle_ticks;
-  uint16_t since_sync; /* ticks from the last SYNC to the next tick; 65535 before the first one */
+  /* number of ticks from the last SYNC to the next tick; 65535 before the first SYNC */
+  uint16_t since_sync;
   uint16_t age_ticks;
   uint16_t statusword;
   uint16_t error_code;
@@ -129,36 +140,36 @@ typedef struct {
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
-  uint8_t entry_count;    /* number of the master's own entries */
-  uint16_t entry;         /* number of the entry in the present SDO transfer; extra entries are
-                           * numbered first */
-  uint8_t command_sent;   /* 1: the NMT command of this phase was sent */
-  uint8_t operational;    /* 1: the drive has reported the state operational by a heartbeat, in this
-                           * phase or later */
+  uint8_t entry_count;  /* number of the master's own entries */
+  uint16_t entry;       /* number of the entry in the present SDO transfer; extra entries are
+                         * numbered first */
+  uint8_t command_sent; /* 1: the NMT command of this phase was sent */
+  /* 1: the last heartbeat of the drive has reported the NMT state operational */
+  uint8_t operational;
   uint8_t sampled;        /* 1: a TPDO was received since the start of the node */
   uint8_t tpdos;          /* number of TPDOs received since the last SYNC, at most 255 */
-  uint8_t tpdo_bytes;     /* length of a TPDO */
+  uint8_t tpdo_bytes;     /* expected length of a TPDO in bytes */
   uint8_t other_length;   /* 1: a TPDO of another length was received since the start of the node */
   uint8_t missing;        /* number of consecutive SYNCs without a TPDO as the answer, at most 2 */
   uint8_t doubled;        /* number of consecutive cycles with more than one TPDO, at most 2 */
   uint8_t mode_displayed; /* 1: the last read of 6061h gave the configured mode */
-  uint8_t was_on;         /* 1: `on` in the last tick */
-  uint8_t resets_fault;   /* 1: controlwords in the state fault reset the fault */
+  uint8_t was_on;         /* 1: the feedback reported `on` in the last tick */
+  uint8_t resets_fault;   /* 1: in the state fault, the controlword resets the fault */
   uint8_t saturated;
   uint8_t reset_asked;   /* 1: a fault of the drive will be reset once the drive is running */
-  uint8_t reset_before;  /* `reset` of the last command */
+  uint8_t reset_before;  /* value of `reset` in the last command */
   uint8_t failed_before; /* 1: the cyclic frames of the last tick already reacted to the failure */
 } drive402_t;
 
-/* Keeps the first failure since the last reset. */
+/* Stores the reason of a failure, unless a failure has already occurred since the last reset. */
 static inline void drive402_fail(drive402_t *master, uint8_t reason) {
   if (master->reason == DRIVE402_NONE) {
     master->reason = reason;
   }
 }
 
-/* Returns true if the statusword reports that the drive is enabled, obeys and follows its
- * target. */
+/* Returns true if the statusword reports that the drive is enabled, obeys the controlword and
+ * follows its target. */
 static inline bool drive402_follows(const drive402_t *master) {
   return master->state == DRIVE402_OPERATION_ENABLED &&
          (master->statusword & master->needed) == master->needed;
@@ -171,7 +182,8 @@ static inline bool drive402_is_on(const drive402_t *master) {
          master->controlword == DRIVE402_ENABLE_OPERATION;
 }
 
-/* Returns the place for another frame of this tick, with identifier and length. */
+/* Adds a frame with the identifier `id` and the length `length` to the frames of this tick, and
+ * returns it. The caller writes its data. */
 static inline can_frame_t *drive402_frame(drive402_t *master, uint16_t id, uint8_t length) {
   can_frame_t *frame = &master->frames[master->frame_count];
   master->frame_count++;
@@ -181,7 +193,7 @@ static inline can_frame_t *drive402_frame(drive402_t *master, uint16_t id, uint8
   return frame;
 }
 
-/* Counts ticks down to 0. */
+/* Decreases a number of remaining ticks by 1, unless it is already 0. */
 static inline void drive402_count_down(uint32_t *ticks) {
   if (*ticks > 0) {
     (*ticks)--;

@@ -2,7 +2,8 @@
 
 #include "firmware/drive402/drive402_names.h"
 
-/* Masks and values of table "state coding" of the standard. */
+/* For each drive state, mask and value of the statusword, from the table "state coding" of IEC
+ * 61800-7-201. */
 static const struct {
   uint16_t mask;
   uint16_t value;

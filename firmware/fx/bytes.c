@@ -12,7 +12,8 @@ uint32_t fx_load_le(const uint8_t *from, uint8_t bytes) {
 }
 
 void fx_clear(void *to, uint32_t count) {
-  volatile uint8_t *out = to; /* volatile, because the compiler would otherwise call memset */
+  /* `out` is volatile, because the compiler would otherwise call memset */
+  volatile uint8_t *out = to;
   for (uint32_t i = 0; i < count; i++) {
     out[i] = 0;
   }
@@ -43,9 +44,10 @@ uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
   return payload;
 }
 
-/* CRC-16 of each value of 4 bits. For a value with a single 1 bit, the entry follows from the
- * reflected polynomial. For every other value, the entry is the exclusive-or of the entries of its
- * 1 bits. The CRC computed with this table is eight times as fast as a CRC computed bit by bit. */
+/* Table with the CRC-16 of each value of 4 bits. For a value with a single 1 bit, the entry is
+ * computed from the reflected polynomial. For every other value, the entry is the exclusive-or of
+ * the entries of its 1 bits. With this table the CRC is computed eight times as fast as bit by
+ * bit. */
 static const uint16_t crc16_of_nibble[16] = {0x0000, 0xCC01, 0xD801, 0x1400, 0xF001, 0x3C00,
                                              0x2800, 0xE401, 0xA001, 0x6C00, 0x7800, 0xB401,
                                              0x5000, 0x9C01, 0x8801, 0x4400};
@@ -65,9 +67,10 @@ uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte) {
   return (uint16_t)(c & 0xFFFFu);
 }
 
-/* CRC-32 of each byte value. The table makes the CRC fast, because the firmware checks a store of
- * 32 KiB at power-up before the first tick. Entry n is n after eight steps; a step is x >> 1, with
- * an exclusive-or of EDB88320h if the removed bit was 1. */
+/* Table with the CRC-32 of each byte value. A fast CRC is needed, because the firmware checks a
+ * parameter store of 32 KiB at power-up before the first tick. Entry n is the result of eight steps
+ * that begin with n. A step is x >> 1, followed by an exclusive-or with EDB88320h if the removed
+ * bit was 1. */
 static const uint32_t crc32_of_byte[256] = {
     UINT32_C(0x00000000), UINT32_C(0x77073096), UINT32_C(0xEE0E612C), UINT32_C(0x990951BA),
     UINT32_C(0x076DC419), UINT32_C(0x706AF48F), UINT32_C(0xE963A535), UINT32_C(0x9E6495A3),

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_FX_BYTES_H_
 #define FIRMWARE_FX_BYTES_H_
 
-/* Functions for bits, bytes and checksums: fields of a word, values in arrays of bytes, CRCs. If a
- * function states no domain, every argument is permitted. */
+/* Functions for bits, bytes and checksums: fields of a word, values in arrays of bytes, CRCs. If
+ * the comment of a function states no domain, every argument is permitted. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,7 +18,8 @@ static inline uint32_t fx_bit(uint32_t n) {
 /* Returns the number of the lowest bit that is 1. `bits` must not be 0. */
 static inline uint8_t fx_lowest_bit(uint32_t bits) {
   fx_assert(bits != 0);
-  /* De Bruijn sequence: the upper five bits are different for each of the 32 shifts. */
+  /* The factor is a De Bruijn sequence: for each of the 32 shifts of it, the upper five bits are
+   * different. */
   static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
                                      31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
   return number[((bits & ((uint32_t)0 - bits)) * UINT32_C(0x077CB531)) >> 27];
@@ -63,10 +64,11 @@ static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
   to[3] = byte_3;
 }
 
-/* Sets `count` bytes to 0: the defined state in which a structure begins. Not for the interrupt. */
+/* Sets `count` bytes to 0, which is the defined initial state of a structure. Do not call this
+ * function in the interrupt of the tick. */
 void fx_clear(void *to, uint32_t count);
 
-/* Copies `count` bytes, a multiple of 4, from the first to the last one. */
+/* Copies `count` bytes in ascending order; `count` is a multiple of 4. */
 void fx_copy_words(void *to, const void *from, uint32_t count);
 
 /* Returns the value that is stored in `bytes` (1, 2 or 4) bytes, least significant byte first. The
@@ -74,14 +76,14 @@ void fx_copy_words(void *to, const void *from, uint32_t count);
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 
 /* Returns the 32-bit value that is stored in 4 bytes, least significant byte first. The compiler
- * makes this one load if the processor supports an unaligned load. */
+ * joins the loads of single bytes into one load if the processor supports an unaligned load. */
 static inline uint32_t fx_load_le32(const uint8_t *from) {
   return (uint32_t)from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) |
          ((uint32_t)from[3] << 24);
 }
 
-/* Converts the low `bits` (1..32) bits of a value, a two's complement number, to 32 bits. The other
- * bits of the value must be 0. */
+/* The low `bits` (1..32) bits of a value are a two's complement number. Converts this number to 32
+ * bits. The other bits of the value must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
 /* Adds one byte to the CRC of Modbus RTU (CRC-16, reflected polynomial 8005h, initial value FFFFh).
@@ -110,7 +112,7 @@ bool fx_bit_get(const uint8_t *from, uint32_t n);
  * higher bits of the same byte become 0. */
 void fx_bit_append(uint8_t *to, uint32_t n, bool bit);
 
-/* Returns the number of bytes that are necessary for `bits` bits. */
+/* Returns the number of bytes that `bits` bits need. */
 static inline uint32_t fx_octets(uint32_t bits) { return (bits + 7) >> 3; }
 
 /* Returns `width` (1..32) bits of a payload from bit `first` upwards; first + width <= 64. The
@@ -121,8 +123,8 @@ static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t
   return (uint32_t)(payload >> first) & mask;
 }
 
-/* Returns the 32-bit value of 4 bytes at separate offsets from `base`. The first byte is the least
- * significant byte. */
+/* Returns the 32-bit value of 4 bytes in memory. The offset of each byte from `base` is in
+ * `places`. The first byte is the least significant byte. */
 static inline uint32_t fx_gather_le(const uint8_t *base, const uint16_t places[4]) {
   return (uint32_t)base[places[0]] | (uint32_t)base[places[1]] << 8 |
          (uint32_t)base[places[2]] << 16 | (uint32_t)base[places[3]] << 24;

@@ -2,8 +2,8 @@
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
   fx_assert(exponent >= -6 && exponent <= 0);
-  /* Number of ticks in 10^exponent s, as a fraction: 1500 * 10^exponent. The first entry is the one
-   * of exponent 0. */
+  /* Numerators of the number of ticks in 10^exponent s, which is 1500 * 10^exponent. The first
+   * entry is for the exponent 0. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
   static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
   const uint8_t row = (uint8_t)-exponent;
@@ -22,7 +22,7 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
   for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* Long division with by <= remaining < 2 by, so that the first bit of the quotient is 1. */
+  /* Long division. At its begin by <= remaining < 2 by, so the first bit of the quotient is 1. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
     const bool one = remaining >= by;
@@ -70,7 +70,7 @@ static uint32_t greatest_divisor(uint32_t a, uint32_t b) {
   return a;
 }
 
-/* Multiplies three factors. Returns false if the product has more than 31 bits. */
+/* Multiplies the three numbers `factors`. Returns false if the product has more than 31 bits. */
 static bool multiply(const uint32_t factors[3], uint32_t *product) {
   uint64_t wide = factors[0];
   for (uint8_t i = 1; i < 3; i++) {
@@ -105,9 +105,9 @@ bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t 
   return true;
 }
 
-/* The relative error of the ratio is at most 2^-31, and the ratio is never too large. So the
- * quotient is too small by less than 2. The remainder is less than twice the denominator, so the
- * remainder has at most 32 bits. */
+/* Returns x * num / den, rounded exactly. `ratio` is an approximation of num / den: its relative
+ * error is at most 2^-31, and it is never too large. So the first quotient is too small by less
+ * than 2, and its remainder is less than twice the denominator and has at most 32 bits. */
 static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
   fx_assert(num > 0 && num <= INT32_MAX && den > 0 && den <= INT32_MAX);
   const uint32_t size = fx_magnitude(x);
@@ -140,7 +140,7 @@ int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction) {
   return scale_exactly(x, fraction->den, fraction->num, fraction->inverse);
 }
 
-/* The quotient has at most 32 bits, because x lies between x0 and x1. */
+/* The quotient of the interpolation has at most 32 bits, because x lies between x0 and x1. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x,
                        uint8_t rounding) {
   fx_assert(x0 != x1);
@@ -170,8 +170,8 @@ int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x
                : fx_s32_from_u32((uint32_t)y0 + quotient);
 }
 
-/* The sum is raised by 2^17 n, so that it is not negative; it is then at most 2^18 n, below 2^32.
- */
+/* 2^17 n is added to the sum, so that it is not negative. The result is then at most 2^18 n, which
+ * is below 2^32. */
 int32_t fx_mean_half_up(int32_t sum, uint32_t n) {
   fx_assert(n >= 1 && n <= 16383);
   fx_assert(fx_magnitude(sum) <= n << 17);

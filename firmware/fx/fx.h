@@ -3,21 +3,23 @@
 
 /* Fixed-point arithmetic. Only the files in this folder shift, round, saturate or divide.
  *
- * The suffix of a name states the number of fractional bits: 8 for _q8 (raw = value * 2^8), 16 for
- * _q16, and 32 for _q32, which is a count with 32 fractional bits. All numbers are two's complement
- * of exact width. Every operand is widened before a multiplication, shift or subtraction. So a
- * processor with an int of 16 bits computes exactly the same DAC codes. No function has undefined
- * behaviour for arguments in its stated domain. If a function states no domain, every argument is
- * permitted.
+ * The suffix of a name states the number of fractional bits: 8 for _q8 (stored number = value *
+ * 2^8), 16 for _q16, and 32 for _q32, which is an encoder count with 32 fractional bits. All
+ * numbers are two's complement of exact width. Every operand is widened before a multiplication,
+ * shift or subtraction. So a processor with an int of 16 bits computes exactly the same DAC codes.
+ * No function has undefined behaviour for arguments in its stated domain. If the comment of a
+ * function states no domain, every argument is permitted.
  *
- * All rounding is half up: floor(x + 1/2). Floor means towards minus infinity. */
+ * Unless a comment says otherwise, rounding is half up: floor(x + 1/2). Floor means rounding
+ * towards minus infinity. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/fx/assertion.h"
 
-/* Reads 32 bits as a two's complement number. Scaling: none. Cannot overflow. */
+/* Returns the two's complement number that the 32 bits represent. Scaling: none. Cannot
+ * overflow. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
   /* A plain cast is not used: in the C standard its result above INT32_MAX depends on the compiler.
    * This expression compiles to no instruction. */
@@ -35,13 +37,13 @@ static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a + (uint32_t)b);
 }
 
-/* Returns x, limited to low..high; low <= high. Cannot overflow. */
+/* Returns x limited to low..high, where low <= high. Cannot overflow. */
 static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
   fx_assert(low <= high);
   return (x < low) ? low : ((x > high) ? high : x);
 }
 
-/* Returns a 64-bit value, limited to low..high; low <= high. A value outside this range
+/* Returns the 64-bit value x limited to low..high, where low <= high. A value outside this range
  * saturates. */
 static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
   fx_assert(low <= high);
@@ -53,15 +55,15 @@ static inline uint32_t fx_magnitude(int32_t x) {
   return (x < 0) ? (uint32_t)0 - (uint32_t)x : (uint32_t)x;
 }
 
-/* Returns true if -limit <= x <= limit; 0 <= limit. Cannot overflow. */
+/* Returns true if -limit <= x <= limit. `limit` must not be negative. Cannot overflow. */
 static inline bool fx_within(int32_t x, int32_t limit) {
   fx_assert(limit >= 0);
   /* One comparison is sufficient, because the interval is shifted to 0..2 limit, modulo 2^32. */
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
 
-/* Returns a * b with 64 bits. Scaling: the number of fractional bits of the product is the sum of
- * those of a and b. Cannot overflow. */
+/* Returns a * b with 64 bits. Scaling: the product has as many fractional bits as a and b together.
+ * Cannot overflow. */
 static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_t)b; }
 
 /* Returns x * 2^n, n 0..30. Scaling: the result has n more fractional bits than x. Domain: |x| *
@@ -75,8 +77,8 @@ static inline int32_t fx_scale(int32_t x, uint32_t n) {
  * fewer than x. Cannot overflow. */
 static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
   fx_assert(n <= 31);
-  /* In the C standard the right shift of a negative value depends on the compiler, so ~x is
-   * shifted, which is not negative. */
+  /* In the C standard the right shift of a negative value depends on the compiler. So ~x, which is
+   * not negative, is shifted instead. */
   return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
 }
 
@@ -85,15 +87,15 @@ static inline int32_t fx_round_q16(int32_t x_q16) {
   return fx_floor_shift(fx_floor_shift(x_q16, 15) + 1, 1);
 }
 
-/* Returns the code nearest to a Q16 number of codes: floor(x / 2^16 + 1/2). Domain: |x| < 2^31 -
- * 2^15. */
+/* Returns the whole DAC code that is nearest to a code in Q16: floor(x / 2^16 + 1/2). Domain: |x| <
+ * 2^31 - 2^15. */
 static inline int32_t fx_code_from_q16(int32_t x_q16) {
   fx_assert(x_q16 < INT32_MAX - 32767);
   return fx_floor_shift(fx_sum_wrap(x_q16, 32768), 16);
 }
 
-/* Returns the step of a converter whose codes have `bits` bits, 12..16, as a mask for
- * fx_round_to(): -2^(28 - bits). A code of 12 bits is 2^16 of these units. */
+/* Returns the step of a DAC with `bits` bits, 12..16, as a mask for fx_round_to(): -2^(28 - bits).
+ * The step of a DAC with 12 bits is 2^16. */
 static inline int32_t fx_step_mask(uint8_t bits) {
   fx_assert(bits >= 12 && bits <= 16);
   return -(int32_t)((uint32_t)1 << ((uint32_t)28 - bits));
@@ -129,9 +131,9 @@ static inline int32_t fx_sine_q15(uint32_t phase_q32) {
   return fx_floor_shift(x * slope, 15);
 }
 
-/* Returns x after one step of decay towards 0. |x| decreases by floor(|x| / 2^n), at least by 1; n
- * 0..31. So x reaches 0 exactly, its sign never changes, and 0 gives 0. For n = 0 the first step
- * gives 0. Cannot overflow. */
+/* Returns x after one step of a decay towards 0. |x| decreases by floor(|x| / 2^n), at least by 1;
+ * n is 0..31. So x reaches exactly 0, its sign never changes, and for x = 0 the result is 0. For n
+ * = 0 the first step gives 0. Cannot overflow. */
 static inline int32_t fx_decay(int32_t x, uint32_t n) {
   fx_assert(n <= 31);
   const uint32_t size = fx_magnitude(x);
@@ -140,27 +142,28 @@ static inline int32_t fx_decay(int32_t x, uint32_t n) {
   return (x < 0) ? fx_s32_from_u32((uint32_t)0 - remaining) : (int32_t)remaining;
 }
 
-/* Converts a count to a Q32 position. Exact. */
+/* Converts an encoder count to a Q32 position. The conversion is exact. */
 static inline uint64_t fx_q32_from_cnt(int32_t cnt) { return (uint64_t)(uint32_t)cnt << 32; }
 
-/* Returns the count nearest to a Q32 position, rounded half up, modulo 2^32. */
+/* Returns the encoder count that is nearest to a Q32 position, rounded half up, modulo 2^32. */
 static inline int32_t fx_cnt_from_q32(uint64_t x_q32) {
   return fx_s32_from_u32((uint32_t)((x_q32 + ((uint64_t)1 << 31)) >> 32));
 }
 
-/* Returns a Q32 position x after a motion by the Q16 distance v, modulo 2^64. Exact. */
+/* Returns the position after a motion from the Q32 position x by the Q16 distance v, modulo 2^64.
+ * The result is exact. */
 static inline uint64_t fx_q32_advance(uint64_t x_q32, int32_t v_q16) {
   return x_q32 + (uint64_t)((int64_t)v_q16 * 65536);
 }
 
-/* Largest distance that these functions use, 2^21 counts. They limit a larger distance to this
- * value. */
+/* Largest distance that the following functions use: 2^21 counts. They limit a larger distance to
+ * this value. */
 #define FX_DISTANCE_MAX_CNT ((uint32_t)1 << 21)
 #define FX_DISTANCE_MAX_Q16 (((uint64_t)1 << 37) - 1)
 
-/* Returns the distance between two Q32 positions in Q16 (floor), in the direction that is shorter
- * modulo 2^32. *negative is true if this direction is towards smaller counts. Overflow: saturates
- * to FX_DISTANCE_MAX_Q16. */
+/* Returns the distance from one Q32 position to another, in Q16 counts (floor). The direction is
+ * the one that is shorter modulo 2^32. *negative becomes true if this direction is towards smaller
+ * counts. Overflow: saturates to FX_DISTANCE_MAX_Q16. */
 static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool *negative) {
   const uint64_t forth = to_q32 - from_q32;
   const bool back = forth > (uint64_t)INT64_MAX;
@@ -169,7 +172,7 @@ static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool 
   return ((uint32_t)(distance >> 32) >= FX_DISTANCE_MAX_CNT) ? FX_DISTANCE_MAX_Q16 : distance >> 16;
 }
 
-/* Returns the product 8 a d; fx_stops_within() compares this product with the square of a speed. a
+/* Returns the product 8 a d. fx_stops_within() compares this product with the square of a speed. a
  * is the deceleration in Q16 counts per tick squared, 0 < a <= 2^24. d is the distance, at most
  * FX_DISTANCE_MAX_Q16. Cannot overflow, because 8 a d < 2^64. */
 static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
@@ -178,12 +181,12 @@ static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
   return (uint64_t)((uint32_t)a_q16 * 8) * d_q16;
 }
 
-/* Returns true only if an axis that moves by v in this tick and slows down by a in each later tick
- * stops within the distance d, for room = fx_stopping_room(a, d). v and a are in Q16, 0 < a <=
- * 2^24, 0 <= v <= 2^28. With v = n a + r the travel is v + (v-a) + (v-2a) + ... = v(v+a)/2a +
- * r(a-r)/2a. r(a-r) is at most a^2/4, so the condition (2v + a)^2 <= 8 a d is sufficient; this
- * condition requires at most a/8 more distance than necessary. Rounding: none. Cannot overflow,
- * because (2v+a)^2 < 2^59. */
+/* Returns true only if an axis stops within the distance d. In this tick the axis moves by v, and
+ * in each later tick its speed decreases by a. `room` is fx_stopping_room(a, d). v and a are in
+ * Q16, 0 < a <= 2^24, 0 <= v <= 2^28. With v = n a + r the travel is v + (v-a) + (v-2a) + ... =
+ * v(v+a)/2a + r(a-r)/2a. r(a-r) is at most a^2/4, so the condition (2v + a)^2 <= 8 a d is
+ * sufficient; this condition requires at most a/8 more distance than necessary. Rounding: none.
+ * Cannot overflow, because (2v+a)^2 < 2^59. */
 static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) {
   fx_assert(a_q16 > 0 && a_q16 <= INT32_C(16777216));
   fx_assert(v_q16 >= 0 && v_q16 <= INT32_C(268435456));
@@ -258,9 +261,10 @@ static inline int32_t fx_per_s_from_tick(int32_t x) {
   return fx_saturate((int64_t)x * 1500, INT32_MIN, INT32_MAX);
 }
 
-/* Returns the mean of a change x over n steps, n 1..256, truncated towards 0. `rest` holds what the
- * last division left over, within +-255, and receives what this division leaves over. So the sum of
- * the changes is the sum of n times each mean, plus the last rest. Overflow: wraps, for n = 1. */
+/* Returns the mean change per step of a change x over n steps, n 1..256, truncated towards 0.
+ * `rest` contains the remainder of the last division, within +-255, and receives the remainder of
+ * this division. So the sum of all changes x is the sum of n times each mean, plus the last
+ * remainder. Overflow: for n = 1 the result wraps. */
 static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
   fx_assert(n >= 1 && n <= 256);
   fx_assert(*rest > -256 && *rest < 256);
@@ -269,29 +273,32 @@ static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
   return fx_sum_wrap(x / n, left / n);
 }
 
-/* Returns the step that reaches the end of a distance in n ticks: 1/n of the distance, at most
- * `most`; n > 0. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
+/* Returns the step with which a distance is passed in n > 0 ticks: 1/n of the distance, at most
+ * `most`. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
 static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
   fx_assert(n > 0 && most >= 0 && d_q16 <= FX_DISTANCE_MAX_Q16);
   if (d_q16 >= (uint64_t)(uint32_t)most * n) {
     return most;
   }
-  /* A distance of more than 32 bits, up to 2^37, loses at most its lowest six bits. */
+  /* If the distance has more than 32 bits (it is at most 2^37), at most its lowest six bits are
+   * lost. */
   return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
 }
 
-/* The number mantissa / 2^shift. The mantissa is 2^31..2^32-1, or 0 for a negligible ratio. */
+/* A ratio, which is the number mantissa / 2^shift. The mantissa is 2^31..2^32-1, or 0 if the ratio
+ * is negligible. */
 typedef struct {
   uint32_t mantissa;
   uint8_t shift;
 } fx_ratio_t;
 
-/* Returns a / b * 2^e with a relative error of at most 2^-31 (floor); a and b > 0, e -16..16.
- * Saturates just below 2^32. The function needs some hundred instructions, so do not call it in
- * every tick; call it when a parameter is written. */
+/* Returns the ratio a / b * 2^e with a relative error of at most 2^-31 (floor); a > 0, b > 0, e
+ * -16..16. The ratio saturates just below 2^32. The function needs some hundred instructions, so do
+ * not call it in every tick; call it when a parameter is written. */
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 
-/* Returns a / b * 2^e for 64-bit a and b, with a relative error of at most 2^-30; e -32..32. */
+/* Returns the ratio a / b * 2^e of 64-bit numbers a and b, with a relative error of at most 2^-30;
+ * e -32..32. */
 fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e);
 
 /* Returns x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to
@@ -302,7 +309,7 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
   const uint32_t low = (uint32_t)product;
-  uint32_t doubled; /* twice the product, so that half a unit of the last digit can be added */
+  uint32_t doubled; /* twice the product, so that half a unit of the last bit can be added */
   if (shift > 63) {
     return 0;
   }
@@ -322,8 +329,8 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   return (x < 0) ? -limited : limited;
 }
 
-/* The fraction num / den in lowest terms, with approximations of the fraction and of its inverse.
- * num and den are 1..2^31-1. */
+/* A fraction num / den in lowest terms, and approximations of this fraction and of its inverse. num
+ * and den are 1..2^31-1. */
 typedef struct {
   uint32_t num;
   uint32_t den;
@@ -331,15 +338,15 @@ typedef struct {
   fx_ratio_t inverse;
 } fx_fraction_t;
 
-/* Computes the product of the three numbers `over`, divided by the product of the three numbers
- * `under`; all numbers are 1..2^31-1. Returns false and does not change *fraction if the numerator
- * or denominator in lowest terms has more than 31 bits. The function needs some thousand
- * instructions. */
+/* Computes the fraction of two products: that of the three numbers `over`, divided by that of the
+ * three numbers `under`. All numbers are 1..2^31-1. If the numerator or the denominator has more
+ * than 31 bits in lowest terms, returns false and does not change *fraction. The function needs
+ * some thousand instructions. */
 bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction);
 
 /* fx_fraction_apply() returns floor(x * num / den + 1/2) exactly, and fx_fraction_invert() returns
- * floor(x * den / num + 1/2) exactly. Overflow: saturates to +-INT32_MAX, from INT32_MAX - 4 on.
- * Each function needs about 35 instructions. */
+ * floor(x * den / num + 1/2) exactly. Overflow: a result whose magnitude is INT32_MAX - 4 or more
+ * becomes +-INT32_MAX. Each function needs about 35 instructions. */
 int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction);
 int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction);
 
@@ -349,12 +356,12 @@ static inline bool fx_ratio_is_moderate(fx_ratio_t ratio, uint8_t bits) {
   return ratio.shift >= 31 - bits && ratio.shift <= 31 + bits;
 }
 
-/* Returns ratio / 2^n / by as a ratio; `by` > 0, n -16..16. Call this function when a parameter is
- * written, not in every tick. */
+/* Returns the ratio divided by 2^n and by the number `by`; `by` > 0, n -16..16. Call this function
+ * when a parameter is written, not in every tick. */
 fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n);
 
-/* Converts an ADC code to per mille of its range: code * 1000 / 2^bits, bits 0..16. Rounding: down.
- * Cannot overflow. */
+/* Converts an ADC code to per mille of the range of the ADC: code * 1000 / 2^bits, bits 0..16.
+ * Rounding: down. Cannot overflow. */
 static inline int16_t fx_per_mille_of_bits(uint16_t code, uint8_t bits) {
   fx_assert(bits <= 16);
   const uint32_t share = ((uint32_t)code * 1000) >> bits;
@@ -367,16 +374,17 @@ static inline uint16_t fx_highest_code(uint8_t bits) {
   return (uint16_t)(((uint32_t)1 << bits) - 1);
 }
 
-/* Rounding of fx_interpolate(): towards minus infinity, towards plus infinity, or half up. */
+/* Ways in which fx_interpolate() rounds: towards minus infinity, towards plus infinity, or half
+ * up. */
 enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
 
 /* Returns y at x on the line through (x0, y0) and (x1, y1): y0 + (y1 - y0) (x - x0) / (x1 - x0),
- * rounded once. x is between x0 and x1, which differ by 1 to 2^31-1; |y0|, |y1| <= 2^30. Cannot
- * overflow. */
+ * rounded once. x is between x0 and x1. The difference of x0 and x1 is 1 to 2^31-1; |y0|, |y1| <=
+ * 2^30. Cannot overflow. */
 int32_t fx_interpolate(int32_t x0, int32_t y0, int32_t x1, int32_t y1, int32_t x, uint8_t rounding);
 
-/* Returns the same as fx_interpolate() with FX_ROUND_HALF_UP in some 25 instructions: x0 <= x <=
- * x1, x1 - x0 is 1 to 2^19-1, and |y1 - y0| < 2^24. */
+/* Returns the same result as fx_interpolate() with FX_ROUND_HALF_UP, in some 25 instructions.
+ * Domain: x0 <= x <= x1, x1 - x0 is 1 to 2^19-1, and |y1 - y0| < 2^24. */
 static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, int32_t y1,
                                            int32_t x) {
   fx_assert(x0 <= x && x <= x1 && x0 < x1 && x1 - x0 < 524288);
@@ -386,8 +394,8 @@ static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, i
   const bool falls = y1 < y0;
   const uint32_t size = fx_magnitude(y1 - y0);
   /* The product is computed in two digits of 12 bits, so that no number has more than 32 bits:
-   * `high` is below 2^31, and the last sum is below 8192 length. The quotient of a line that falls
-   * is subtracted, so half of it is rounded down. */
+   * `high` is below 2^31, and the last sum is below 8192 times `length`. If the line falls, the
+   * quotient is subtracted, so a half is then rounded down. */
   const uint32_t high = (size >> 12) * part;
   const uint32_t half = (length - (falls ? 1 : 0)) >> 1;
   const uint32_t low = ((high % length) << 12) + (size & 4095) * part + half;
@@ -395,16 +403,16 @@ static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, i
   return falls ? y0 - change : y0 + change;
 }
 
-/* floor(n / 2). */
+/* Returns floor(n / 2). */
 static inline uint16_t fx_half(uint32_t n) { return (uint16_t)(n >> 1); }
 
-/* floor(x / 2^n), n 0..15. */
+/* Returns floor(x / 2^n), n 0..15. */
 static inline uint16_t fx_halved(uint16_t x, uint8_t n) {
   fx_assert(n <= 15);
   return (uint16_t)(x >> n);
 }
 
-/* floor(a / b), b > 0. */
+/* Returns floor(a / b), b > 0. */
 uint32_t fx_quotient(uint32_t a, uint32_t b);
 
 /* Returns the mean of n values whose sum is `sum`: floor(sum / n + 1/2), n 1..16383, |sum| <= 2^17
