@@ -3,13 +3,15 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects_drive.h"
 
-/* Deviations of the calibration points from their mean, multiplied by the number of points, so that
- * nothing is rounded. |x| <= 2^21, |y| <= 2^34, and sums of products are below 2^58. */
+/* Deviations of the calibration points from the mean of all points. The deviations are multiplied
+ * by the number of points, so that nothing is rounded. |x| <= 2^21, |y| <= 2^34, and sums of
+ * products are below 2^58. */
 typedef struct {
-  /* measured force of each point in 1/256 count, as deviation from the mean times the number of
-   * points */
+  /* for each point, deviation of the measured force from its mean, in 1/256 count, times the number
+   * of points */
   int32_t x[CALIBRATION_POINTS];
-  /* reference force of each point in mN, as deviation from the mean times the number of points */
+  /* for each point, deviation of the reference force from its mean, in mN, times the number of
+   * points */
   int64_t y[CALIBRATION_POINTS];
   int64_t xx; /* sum of the squares of x */
   int64_t xy; /* sum of the products of x and y */
@@ -51,7 +53,7 @@ static void gather(const drive_params_t *params, points_t *points) {
   points->y_span = (y.high - y.low) * count;
 }
 
-/* y * 2^e. */
+/* Returns y * 2^e. */
 static int32_t scaled(int64_t y, int8_t e) {
   /* The value is shifted bit by bit, because on some processors a 64-bit shift by a variable calls
    * a library function. */
@@ -61,8 +63,9 @@ static int32_t scaled(int64_t y, int8_t e) {
   return (int32_t)(y * fx_scale(1, (uint32_t)e));
 }
 
-/* Returns the linearity error in 0.01 per mille: the largest |y - slope x| divided by the span of
- * y. The forces are scaled to a span of 2^28 to 2^29, so that rounding errors are negligible. */
+/* Returns the linearity error in 0.01 per mille, which is the largest |y - slope x| divided by the
+ * span of y. The reference forces are scaled so that their span is 2^28 to 2^29. Rounding errors
+ * are then negligible. */
 static uint16_t linearity_of(const points_t *points) {
   int8_t e = 0;
   int64_t span = points->y_span;

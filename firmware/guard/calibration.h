@@ -2,12 +2,13 @@
 #define FIRMWARE_GUARD_CALIBRATION_H_
 
 /* Calibration of the force sensor with two to eight points. Each point consists of a measured force
- * and the force that a reference sensor showed. A straight line through the points (least squares)
- * gives force_scale. The linearity error is the largest distance of a point from the line, divided
- * by the span of the reference forces. With two points the linearity error is 0. The calibration
- * does not use the offset of the line, because the tare (tare.h) determines the offset.
+ * and the force that a reference sensor showed. The slope of a straight line that is fitted to the
+ * points by least squares gives force_scale. The linearity error is the largest deviation of a
+ * point from this line, divided by the span of the reference forces. With two points the linearity
+ * error is 0. The calibration does not use the offset of the line, because the tare (tare.h)
+ * determines the offset.
  *
- * The computation needs some ten thousand instructions of 64-bit arithmetic, so call it only
+ * The calibration needs some ten thousand instructions of 64-bit arithmetic, so compute it only
  * between ticks. */
 
 #include <stdbool.h>
@@ -18,8 +19,8 @@
 
 enum { CALIBRATION_POINTS = 8 };
 
-/* Smallest permitted span of the measured forces, in 1/256 count: an eighth of the range, which is
- * 32 counts. */
+/* Smallest permitted span of the measured forces, in 1/256 count. It is 32 counts, an eighth of the
+ * range of the measured force. */
 enum { CALIBRATION_SPAN_MIN_Q8 = 32 * 256 };
 
 /* Computes the calibration. Returns AXIS_CALIBRATION_STATE_DONE and writes *force_scale and

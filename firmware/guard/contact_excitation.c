@@ -52,8 +52,8 @@ int contact_excitation_command(contact_excitation_t *excitation, const drive_par
   return FW_OK;
 }
 
-/* Changes the amplitude of the excitation by one step of its ramp. Returns false when the amplitude
- * has fallen to 0. */
+/* Changes the amplitude of the excitation by one step of the ramp of the amplitude. Returns false
+ * when the amplitude has fallen to 0. */
 static bool ramp(contact_excitation_t *excitation, drive_signals_t *signals) {
   const int32_t level = excitation->level_q30;
   const int32_t step = excitation->step_q30;

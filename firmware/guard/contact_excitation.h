@@ -9,14 +9,15 @@
  * after the stop command the amplitude falls during the same time. The excitation ends in the same
  * tick if the measured force is outside excitation_force_min..excitation_force_max, if contact is
  * lost, or if the distance from the start position exceeds excitation_travel. The firmware checks
- * these conditions with the inputs of a tick before the output of this tick, so nothing is added in
- * this tick. The excitation also ends when the axis is disabled, halted or stopped, changes its
- * mode or has a fault. If a tick itself detects a fault, the DAC code of this tick is 0 anyway. The
- * loss of the owner ends the excitation for every value of abort_connection_option.
+ * these conditions with the inputs of a tick before the output of this tick, so the excitation is
+ * not added any more in this tick. The excitation also ends when the axis is disabled, halted or
+ * stopped, when its mode changes, and when it has a fault. In a tick that detects a fault the DAC
+ * code is 0 anyway. The loss of the owner ends the excitation for every value of
+ * abort_connection_option.
  *
  * excitation_value is the value that was added in the last tick, in 1/256 code or in 1/256 count of
  * measured force. Between two ticks the parameters of the axis have the values that the user has
- * written. */
+ * written.*/
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -25,11 +26,12 @@
 #include "firmware/objects/generated/axis_objects_drive.h"
 
 typedef struct {
-  /* value of the excitation for the next tick; the inputs of the next tick may still end the
-   * excitation */
+  /* value of the excitation for the next tick. The inputs of the next tick may still end the
+   * excitation before the value is used */
   int32_t value_q8;
-  int32_t level_q30; /* present factor of the excitation amplitude, 0 to 1 */
-  int32_t step_q30;  /* change of the amplitude factor in each tick */
+  /* factor of the ramp with which the excitation amplitude is multiplied now, 0 to 1 */
+  int32_t level_q30;
+  int32_t step_q30;  /* change of level_q30 in each tick */
   int32_t start_cnt; /* encoder count at the start of the excitation */
   uint8_t begins;    /* 1 if the next value is the first value of the waveform */
 } contact_excitation_t;
@@ -40,8 +42,8 @@ static inline bool contact_excitation_is_active(const drive_signals_t *signals) 
 }
 
 /* Reacts to a write to excitation_run. `permitted` is true if the drive is in a mode that permits
- * excitation. Returns FW_OK, or FW_ERROR_STATE and the reason in excitation_state. While an
- * excitation is active, a refused command does not change excitation_state. */
+ * excitation. Returns FW_OK or FW_ERROR_STATE. After a refusal excitation_state gives the reason,
+ * unless an excitation is active: then excitation_state does not change. */
 int contact_excitation_command(contact_excitation_t *excitation, const drive_params_t *params,
                                drive_signals_t *signals, const axis_t *axis, bool start,
                                bool permitted);
@@ -50,10 +52,10 @@ int contact_excitation_command(contact_excitation_t *excitation, const drive_par
 void contact_excitation_end(contact_excitation_t *excitation, drive_signals_t *signals,
                             uint8_t reason);
 
-/* These three functions are the steps of a tick with an active excitation. After the drive has set
- * the mode of the axis, contact_excitation_prepare() computes the value. Before axis_tick(),
- * contact_excitation_add() adds the value, unless the inputs end the excitation. After axis_tick(),
- * contact_excitation_remove() removes the value. */
+/* The three steps of a tick with an active excitation. contact_excitation_prepare() computes the
+ * value of the excitation after the drive has set the mode of the axis. contact_excitation_add()
+ * adds the value before axis_tick(), unless the inputs of the tick end the excitation.
+ * contact_excitation_remove() removes the value after axis_tick(). */
 void contact_excitation_prepare(contact_excitation_t *excitation, const drive_params_t *params,
                                 drive_signals_t *signals, axis_t *axis, bool permitted);
 void contact_excitation_add(contact_excitation_t *excitation, const drive_params_t *params,

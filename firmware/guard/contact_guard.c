@@ -3,11 +3,11 @@
 #include "firmware/fx/fx.h"
 #include "firmware/guard/contact_excitation.h"
 
-/* Number of ticks between two checks of the protections. */
+/* Number of ticks from one check of the protections of the contact guard to the next check. */
 enum { CHECK_PERIOD_TICKS = 4 };
 
-/* Largest distance of a bound from the last output code, in 1/65536 code. So the bound is near the
- * output when the law commands a larger code. */
+/* Largest difference between a bound of the DAC code and the last output code, in 1/65536 code. So
+ * the bound is near the output when the control law begins to command a larger code. */
 #define LEAD_Q16 (INT32_C(2) * 65536)
 
 /* Largest travel in two ticks that the contact guard uses, in counts. Products with this travel
@@ -37,7 +37,7 @@ void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params) 
 }
 
 /* Initialises the bounds of the DAC code at the start of a force law. The bound in the direction of
- * pressing starts at code 0, and the bound in the other direction at the present code. */
+ * pressing starts at code 0. The bound in the other direction starts at the present code. */
 static void begin_bound(contact_guard_t *guard, const axis_t *axis) {
   const int16_t code = axis->signals.dac_code;
   const bool down = axis->params.force_setpoint < 0;
@@ -48,15 +48,16 @@ static void begin_bound(contact_guard_t *guard, const axis_t *axis) {
   guard->begun = 1;
 }
 
-/* Returns k_p / 4 (2 v_max - dx) in 1/65536 code. The factor 1/4 prevents an overshoot of the speed
- * if the position law of the axis does not oscillate. */
+/* Returns the change of a bound of the DAC code, k_p / 4 (2 v_max - dx), in 1/65536 code. The
+ * factor 1/4 prevents an overshoot of the speed if the position law of the axis does not
+ * oscillate. */
 static int32_t change_q16(const axis_t *axis, int32_t slack_q8) {
   return fx_floor_shift(
       (int32_t)axis->params.position_gain * fx_clamp(slack_q8, -INT16_MAX, INT16_MAX), 2);
 }
 
-/* Changes the bound of the DAC code in each direction, in every second tick: cap' = cap + k_p / 4
- * (2 v_max - dx). */
+/* In every second tick, changes the bounds of the DAC code in both directions. The new bound is
+ * cap' = cap + k_p / 4 (2 v_max - dx). */
 static void move_bound(contact_guard_t *guard, const axis_t *axis) {
   const int32_t position = axis->signals.position;
   const int32_t travel_cnt =
@@ -76,7 +77,7 @@ void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals,
   if (guard->begun == 0) {
     begin_bound(guard, axis);
   }
-  /* The bounds of the DAC code change only in the ticks in which no protection is checked. */
+  /* The bounds of the DAC code change only in ticks in which no protection is checked. */
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(guard, axis);
   }
@@ -122,8 +123,9 @@ static bool is_overdue(contact_guard_t *guard, const drive_params_t *params,
                  params->approach_travel_max);
 }
 
-/* Updates the largest and the smallest measured force in a slot of CONTACT_GUARD_SLOT_TICKS. At the
- * end of a slot, counts the consecutive slots whose force ripple exceeds force_ripple_max. */
+/* Updates the largest and the smallest measured force in the present time slot of
+ * CONTACT_GUARD_SLOT_TICKS. At the end of a time slot, counts the consecutive slots whose force
+ * ripple exceeds force_ripple_max. */
 static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
                          drive_signals_t *signals, int32_t force) {
   if (params->force_ripple_max == 0) {
@@ -166,7 +168,7 @@ void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
     guard->begun = 0;
     return;
   }
-  /* A phase may be shorter than the time between two checks. */
+  /* A phase of a cycle may be shorter than the time between two checks. */
   if (is_overdue(guard, params, signals, axis) && guard->finding == AXIS_FAULT_NONE) {
     guard->finding = AXIS_FAULT_NO_CONTACT;
   }

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_GUARD_CONTACT_GUARD_H_
 #define FIRMWARE_GUARD_CONTACT_GUARD_H_
 
-/* Protections of the motion before and after the contact, while a mode controls force. By default
- * each protection is off.
+/* The contact guard: protections of the motion before and after contact, while a mode controls
+ * force. By default each protection is off.
  *
  *   touch_velocity_max   Limit of the speed without contact. The largest permitted DAC code rises
  *                        by a quarter of position_gain for each count by which the axis is behind
@@ -34,9 +34,9 @@
  *                        disabled, the gain is restored. After TOUCH_HALVINGS the fault is
  *                        contact_unstable.
  *
- * fault_reaction_option determines the reaction to these faults. Travel and approach are checked in
- * every fourth tick. The limit cycle is checked in another one of every four ticks. The reaction
- * follows in the next tick. */
+ * fault_reaction_option determines the reaction to these faults. The travel and the approach are
+ * checked in every fourth tick. A limit cycle is also checked in every fourth tick, but in another
+ * one. The reaction follows in the next tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -48,30 +48,36 @@
 enum { CONTACT_GUARD_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, CONTACT_GUARD_SETTLING_TICKS = 1500 };
 
 typedef struct {
-  int32_t speed_q8;    /* speed touch_velocity_max, as counts in two ticks */
+  /* speed touch_velocity_max in counts per two ticks, with 8 fractional bits */
+  int32_t speed_q8;
   int32_t most_q16;    /* largest permitted DAC code without contact */
   int32_t least_q16;   /* smallest permitted DAC code without contact */
   int32_t bounded_cnt; /* encoder count at which most_q16 and least_q16 were computed */
-  /* force set-point of the next tick, in 1/256 count; 0 without a force mode */
+  /* force set-point of the next tick, in 1/256 count; 0 if no force mode is active */
   int32_t setpoint;
-  int32_t demand; /* force demand from which the set-point is derived, in the unit of the mode */
-  int32_t steady_demand; /* force demand at the start of the present slot of the force ripple */
-  int32_t first_cnt;     /* encoder count at the first contact */
-  /* encoder count and tick at the start of the approach, to which the travel and the time of later
-   * phases of a cycle without force control are added */
+  /* demanded force from which the set-point is computed, in the unit that the mode uses */
+  int32_t demand;
+  /* demanded force at the start of the present time slot of the force ripple */
+  int32_t steady_demand;
+  int32_t first_cnt; /* encoder count at the first contact */
+  /* encoder count and tick at the start of the approach. The travel and the time of later phases of
+   * a cycle without force control are added to them, so that these phases do not count */
   int32_t approach_cnt;
   uint32_t approach_tick;
-  int32_t paused_cnt; /* encoder count and tick at which such a phase of a cycle began */
+  /* encoder count and tick at which the present phase of a cycle without force control began */
+  int32_t paused_cnt;
   uint32_t paused_tick;
-  int32_t low; /* smallest measured force in the present slot of the force ripple */
+  int32_t low; /* smallest measured force in the present time slot of the force ripple */
   int32_t high;
-  axis_codes_t codes;     /* bounds most_q16 and least_q16, rounded to DAC codes */
-  uint16_t settling_tick; /* number of ticks until the guard checks for a limit cycle again */
+  axis_codes_t codes; /* bounds most_q16 and least_q16, rounded to DAC codes */
+  /* number of ticks until the contact guard checks for a limit cycle again */
+  uint16_t settling_tick;
   uint8_t slot_tick;
-  uint8_t slots; /* number of consecutive slots whose force ripple was too large */
-  /* 1 if the force demand has not changed in the present slot of the force ripple */
+  uint8_t slots; /* number of consecutive time slots whose force ripple was too large */
+  /* 1 if the demanded force has not changed in the present time slot of the force ripple */
   uint8_t steady;
-  int8_t approaching; /* sign of the force demand of the present approach; 0 without an approach */
+  /* sign of the demanded force during the present approach; 0: there is no approach */
+  int8_t approaching;
   /* sign of the measured force at the first contact; 0 before the first contact */
   int8_t pressing;
   uint8_t begun;   /* 1 if the bounds of the DAC code act on the force law */
@@ -81,20 +87,20 @@ typedef struct {
 /* Resets the contact guard at the start of force control. */
 void contact_guard_start(contact_guard_t *guard);
 
-/* Computes the derived values of the contact guard. Call this function after a write to a parameter
- * of the contact guard. */
+/* Computes the values of the contact guard that depend on its parameters. Call this function after
+ * a write to a parameter of the contact guard. */
 void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params);
 
-/* Sets the force demand of the next tick for a mode that has an approach of its own. Every target
- * other than 0 is a demand. */
+/* Sets the demanded force of the next tick for a mode that has its own approach to the workpiece.
+ * Every target other than 0 counts as a demand. */
 static inline void contact_guard_approach(contact_guard_t *guard, int32_t target, int32_t demand) {
   guard->setpoint = (target > 0) ? INT32_MAX : (target < 0) ? -INT32_MAX : 0;
   guard->demand = demand;
 }
 
-/* Bounds the speed of the axis in the next tick. Use this function for modes that have no approach
- * of their own and whose force law uses axis->params.force_setpoint. The function changes
- * parameters of the axis; the caller must restore these parameters after the tick. */
+/* Bounds the speed of the axis in the next tick. Use this function for modes without their own
+ * approach whose force law uses axis->params.force_setpoint. The function changes parameters of the
+ * axis; the caller must restore these parameters after the tick. */
 void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals, axis_t *axis);
 static inline void contact_guard_press(contact_guard_t *guard, const drive_signals_t *signals,
                                        axis_t *axis, int32_t demand) {
@@ -106,19 +112,19 @@ static inline void contact_guard_press(contact_guard_t *guard, const drive_signa
 }
 
 /* Checks the protections of the contact guard. Call this function after every second tick of force
- * control or of a cycle. `controlled` is true if the mode, or the phase of the cycle, controls
- * force. */
+ * control or of a cycle. `controlled` is true if the mode of operation or the phase of the cycle
+ * controls force. */
 void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
                             const drive_params_t *params, drive_signals_t *signals,
                             const axis_t *axis, bool controlled);
 
-/* Call this function after the last tick of a phase of a cycle if the next phase controls force and
- * this one does not, or the other way round. `controls`: the next phase controls force. */
+/* Call this function after the last tick of a phase of a cycle if only this phase or only the next
+ * phase controls force. `controls` is true if the next phase controls force. */
 void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
                          const drive_signals_t *signals, const axis_t *axis, bool controls);
 
-/* Returns true if a detected violation will be a fault in the next tick, whatever the options
- * are. */
+/* Returns true if a violation was detected that will be a fault in the next tick for every value of
+ * the option objects. */
 static inline bool contact_guard_has_fault(const contact_guard_t *guard) {
   return guard->finding == AXIS_FAULT_CONTACT_TRAVEL || guard->finding == AXIS_FAULT_NO_CONTACT;
 }

@@ -3,8 +3,9 @@
 #include "firmware/fx/fx.h"
 #include "firmware/guard/sensor.h"
 
-/* Difference between the fault number and the result number of a failed test. It is constant,
- * because these faults and results have the same order. */
+/* Difference between the number of the fault (AXIS_FAULT_) and the number of the result
+ * (AXIS_FIRST_MOTION_RESULT_) of a failed test. The difference is constant, because these faults
+ * and results have the same order. */
 enum {
   FAULT_OF_RESULT = AXIS_FAULT_FORCE_SENSOR_FAILED - AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED
 };
@@ -13,8 +14,9 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
                    AXIS_FAULT_RUNAWAY - FAULT_OF_RESULT == AXIS_FIRST_MOTION_RESULT_RUNAWAY,
                "a result is its fault, less a constant");
 
-/* Largest permitted change of the motor current at standstill, in per mille of the range. At
- * standstill the current of a healthy axis never changes by a quarter of its range. */
+/* Largest permitted change of the motor current at standstill, in per mille of the range of the
+ * current. At standstill the current of an axis without a defect never changes by a quarter of its
+ * range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 static void forget_travel(first_motion_t *first) {
@@ -49,7 +51,8 @@ static void end_coasting(first_motion_t *first) {
   first->phase = FIRST_MOTION_OPEN;
 }
 
-/* Stores that the amplifier is switched off, if the present attempt has switched it on. */
+/* If the present attempt has switched the amplifier on, stores that the amplifier is switched off
+ * now. */
 static void stop_attempt(first_motion_t *first) {
   if (first->phase >= FIRST_MOTION_ZERO && first->phase <= FIRST_MOTION_BACK) {
     first->stopped_cnt = first->moved_cnt;
@@ -71,7 +74,7 @@ void first_motion_begin(first_motion_t *first, const drive_params_t *params,
                         drive_signals_t *signals) {
   if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF) {
     if (first->phase == FIRST_MOTION_COASTING) {
-      end_coasting(first); /* the motion from here on does not belong to the test */
+      end_coasting(first); /* Motion after this tick does not belong to the test. */
     }
     return;
   }
@@ -138,14 +141,14 @@ static void add_travel(first_motion_t *first, const axis_t *axis) {
   first->moved_cnt = (moved > first->moved_cnt) ? moved : first->moved_cnt;
 }
 
-/* Returns true if all attempts together have moved the axis too far. */
+/* Returns true if the sum of the travel of all attempts is too large. */
 static bool is_beyond(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
   add_travel(first, axis);
   return first->spent_cnt + first->moved_cnt >
          (uint32_t)FIRST_MOTION_REACH * params->first_motion_counts;
 }
 
-/* Switches the amplifier on. */
+/* Begins the phase "zero": switches the amplifier on. */
 static void begin_zero(first_motion_t *first, const axis_t *axis) {
   enter_phase(first, axis, FIRST_MOTION_ZERO);
   first->origin_cnt = first->start_cnt;
@@ -160,8 +163,8 @@ static bool stands(const first_motion_t *first, const axis_t *axis) {
   return fx_within(fx_diff_wrap(axis->signals.position, first->start_cnt), FIRST_MOTION_JITTER_CNT);
 }
 
-/* Adds the travel of the disabled axis in this tick to the previous attempt, until the axis is at
- * standstill. */
+/* While the disabled axis is not at standstill yet, adds its travel in this tick to the travel of
+ * the previous attempt. */
 static void coast(first_motion_t *first, const axis_t *axis) {
   add_travel(first, axis);
   if (!stands(first, axis)) {
@@ -174,8 +177,8 @@ static void coast(first_motion_t *first, const axis_t *axis) {
   }
 }
 
-/* Each check_ function checks a tick of one phase. It returns the reason why the test failed, or
- * AXIS_FIRST_MOTION_RESULT_RUNNING. */
+/* Each function check_ checks a tick of one phase of the test. It returns the reason why the test
+ * has failed, or AXIS_FIRST_MOTION_RESULT_RUNNING if it has not failed. */
 
 /* Returns true if the measured force has stayed within contact_force since the phase began. */
 static bool is_steady(first_motion_t *first, const axis_t *axis) {
@@ -242,7 +245,7 @@ static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, c
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
-/* Returns true if a limit prevents the axis from moving in the present direction. */
+/* Returns true if a limit prevents the axis from moving in its present direction. */
 static bool is_blocked(const axis_t *axis) {
   return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN &&
          axis->signals.limit_reason <= AXIS_LIMIT_REASON_LIMIT_SWITCH_POS;
@@ -251,8 +254,8 @@ _Static_assert(AXIS_LIMIT_REASON_POSITION_MIN > AXIS_LIMIT_REASON_OUTPUT_LIMIT &
                    AXIS_LIMIT_REASON_LIMIT_SWITCH_POS - AXIS_LIMIT_REASON_POSITION_MIN == 3,
                "the reasons from position_min to limit_switch_pos block");
 
-/* Sets the DAC code of the next tick. Returns false when the largest code has been output for
- * FIRST_MOTION_HOLD_TICKS. */
+/* Sets the DAC code of the test for the next tick. Returns false when the largest code has been
+ * output for FIRST_MOTION_HOLD_TICKS. */
 static bool raise_code(first_motion_t *first, const drive_params_t *params) {
   first->rises ^= 1;
   if (first->code < params->first_motion_code) {
@@ -278,7 +281,8 @@ static uint8_t check_force(first_motion_t *first, const axis_t *axis, int32_t ch
     return AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED;
   }
   if (change < step && !fx_within(axis->signals.force, axis->params.contact_force)) {
-    /* The axis has no contact now, so the remaining measured force is an offset. */
+    /* The axis is not in contact now, so the remaining measured force is an offset of the force
+     * sensor. */
     return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   first->sign_seen = (change > axis->params.contact_force) ? 1 : 0;
@@ -334,11 +338,13 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
   forget_travel(first);
-  axis->rebase = 1; /* bumpless transfer, also if the mode after the test is open-loop mode */
+  /* bumpless transfer acts after the test, even if the next mode is open-loop mode */
+  axis->rebase = 1;
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }
 
-/* Checks that the measured force is positive when the axis presses on the workpiece. */
+/* Checks the sign of the measured force: it must be positive when the axis presses on the
+ * workpiece. */
 static uint8_t check_contact(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||
@@ -356,7 +362,7 @@ void first_motion_check_running(first_motion_t *first, const drive_params_t *par
     coast(first, axis);
     return;
   }
-  /* Before a fitted drive is on, the phase "zero" has not begun. */
+  /* The phase "zero" begins only when a fitted drive is on. */
   const bool waits =
       first->phase == FIRST_MOTION_ZERO && axis->signals.active_mode == AXIS_MODE_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE || waits) {

@@ -2,9 +2,9 @@
 #define FIRMWARE_GUARD_GUARDS_H_
 
 /* The states of all protections, and the phases of a tick in which each protection acts. The drive
- * calls the phases in this table. The drive calls a single protection directly only where no phase
- * is suitable. A new protection needs its own file, its state in guards_t and one line in each of
- * its phases.
+ * calls the phases that are columns of the following table. It calls a single protection directly
+ * only where no phase is suitable. A new protection needs its own file, its state in guards_t, and
+ * one line in the function of each of its phases.
  *
  *                      init  derive  written  start  before  limit  check  observe  evaluate answer
  *   first_motion        x              x                            x
@@ -26,8 +26,9 @@
  *   evaluate  after every second tick: a violation acts in the next tick
  *   answer    in the tick after a violation: raises a fault or reduces the gain
  *
- * Each phase calls the protections directly. A loop over a table of functions would need 17 more
- * instructions for each protection, too many for the interrupt (docs/decisions/0046). */
+ * The function of each phase calls the protections directly. A loop over a table of functions would
+ * need 17 more instructions for each protection. This is too many for the interrupt
+ * (docs/decisions/0046). */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -53,8 +54,8 @@ typedef struct {
 
 void guards_init(guards_t *guards, drive_signals_t *signals);
 
-/* Computes the values that the protections derive from the parameters, in at most 250 instructions.
- * Call this function between ticks. */
+/* Computes the values of the protections that depend on the parameters. This needs at most 250
+ * instructions. Call this function between ticks. */
 void guards_derive(guards_t *guards, const drive_params_t *params, drive_signals_t *signals);
 
 void guards_written(guards_t *guards, drive_signals_t *signals, uint16_t object);
@@ -81,8 +82,8 @@ static inline void guards_check(guards_t *guards, const drive_params_t *params,
   sensor_check(&guards->sensor, params, axis, outputs);
 }
 
-/* Updates the signals of the protections after a tick. `controlled` is true if a mode that controls
- * force was active in the tick. */
+/* Updates the signals of the protections after a tick. `controlled` is true if a mode with force
+ * control was active in the tick. */
 static inline void guards_observe(guards_t *guards, const drive_params_t *params,
                                   drive_signals_t *signals, const axis_t *axis, bool controlled) {
   tare_tick(&guards->tare, params, signals, axis);
@@ -91,14 +92,14 @@ static inline void guards_observe(guards_t *guards, const drive_params_t *params
   }
 }
 
-/* Returns true if guards_evaluate() uses its argument `guided`. If the result is false, the caller
- * need not compute this argument. */
+/* Returns true if guards_evaluate() uses its argument `guided`. If not, the caller need not compute
+ * this argument. */
 static inline bool guards_need_guided(const guards_t *guards) {
   return guards->sensor.enabled != 0;
 }
 
 /* Checks the protections. `guided` is true if the motion depends on the measured force
- * (cia402_is_guided_by_force()), `cycles` while a cycle runs. */
+ * (cia402_is_guided_by_force()). `cycles` is true while a cycle is running. */
 static inline void guards_evaluate(guards_t *guards, const drive_params_t *params,
                                    drive_signals_t *signals, const axis_t *axis, bool controlled,
                                    bool guided, bool cycles) {
@@ -111,7 +112,7 @@ static inline void guards_evaluate(guards_t *guards, const drive_params_t *param
   }
 }
 
-/* Returns true if a detected violation needs a reaction by guards_answer(). */
+/* Returns true if a protection has detected a violation to which guards_answer() must react. */
 static inline bool guards_have_finding(const guards_t *guards) {
   return guards->contact_guard.finding != AXIS_FAULT_NONE;
 }

@@ -1,10 +1,10 @@
 #ifndef FIRMWARE_GUARD_SENSOR_H_
 #define FIRMWARE_GUARD_SENSOR_H_
 
-/* Monitors the force sensor while the measured force guides the axis: in the force modes, guarded
- * moves and homing, including their approaches, and in every phase of a cycle. Each detected error
- * disables the axis in the same tick and is a fault with its own name. Each check is switched on by
- * an object; by default all checks are off.
+/* Monitors the force sensor while the motion of the axis depends on the measured force: in force
+ * modes, guarded moves and homing, including their approaches, and in every phase of a cycle. Each
+ * detected error is a fault with its own name and disables the axis in the same tick. Each check
+ * has an object that switches it on. By default all checks are off.
  *
  *   force_railed        The force code was at an end of its range for force_railed_time. The lower
  *                       end of an unsigned code (force_zero_code 0) is not checked, because it
@@ -26,11 +26,11 @@
  * force_disconnected are checked in every fourth tick, so these faults act up to five ticks later.
  * After enabling, the axis is monitored from its third tick at the latest.
  *
- * The following faults are not detected. At standstill with a small DAC code, a constant force code
- * is not detected, because a controlled force also has a constant code. A constant force with noise
- * is not detected. A wrong scale, offset or sign is not detected within the limits of the other
- * protections (first_motion.h, tare.h). An axis that moves freely without contact produces no force
- * that could be checked; the bounds of the approach stop this axis. */
+ * The following defects are not detected. At standstill with a small DAC code, a constant force
+ * code is not detected, because a controlled force also gives a constant code. A constant measured
+ * force with noise is not detected. A wrong scale, offset or sign is not detected within the limits
+ * of the other protections (first_motion.h, tare.h). An axis that moves freely without contact
+ * produces no force that could be checked; the bounds of the approach stop this axis. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -39,7 +39,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects_drive.h"
 
-/* Condition that the firmware checks in the present time window. */
+/* Conditions of which the firmware checks one in the present time window. */
 enum { SENSOR_WINDOW_NONE, SENSOR_WINDOW_STUCK, SENSOR_WINDOW_DISCONNECTED };
 
 typedef struct {
@@ -50,23 +50,24 @@ typedef struct {
   uint8_t window;       /* condition of the time window, SENSOR_WINDOW_ */
   uint8_t changed; /* 1 if the force code has changed since the last check of the time window */
   uint8_t enabled; /* 1 if at least one check of the force sensor is switched on */
-  uint8_t active;  /* 1 if a check is switched on and the measured force guides the axis */
+  /* 1 if a check is switched on and the motion of the axis depends on the measured force */
+  uint8_t active;
 } sensor_t;
 
-/* Returns true if the force code is at an end of its range. The lower end of an unsigned code gives
- * false, because this code means no force. */
+/* Returns true if the force code is at an end of its range. At the lower end of an unsigned code
+ * the result is false, because this code means that there is no force. */
 static inline bool sensor_is_railed(const axis_t *axis) {
   const uint16_t code = axis->signals.force_raw;
   return code >= fx_highest_code(axis->params.adc_bits) ||
          (code == 0 && axis->params.force_zero_code != 0);
 }
 
-/* Computes the values that the sensor monitoring derives from its parameters. Call this function
+/* Computes the values of the sensor monitoring that depend on its parameters. Call this function
  * after a write to these parameters. */
 void sensor_derive(sensor_t *sensor, const drive_params_t *params);
 
-/* Sets whether the measured force guides the axis from the next tick on. Call this function after
- * every second tick while a check is switched on. */
+/* Sets whether the motion of the axis depends on the measured force from the next tick on. Call
+ * this function after every second tick while a check is switched on. */
 void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides);
 
 /* Checks the force sensor. Call this function after axis_tick() and before the outputs are written,

@@ -33,8 +33,8 @@ static void add(tare_t *tare, const axis_t *axis, uint8_t averaging) {
   tare->count = (uint16_t)(tare->count + 1);
 }
 
-/* Returns the mean of the measured forces in 1/256 count, rounded half up: floor((2 sum + n) /
- * 2n). */
+/* Returns the mean of the measured forces in 1/256 count, rounded half up: floor((2 sum + n) / (2
+ * n)). */
 static int64_t mean_q8(const tare_t *tare, const axis_t *axis) {
   const axis_params_t *params = &axis->params;
   const int64_t above_zero = (int64_t)tare->sum - (int64_t)tare->count * params->force_zero_code;
@@ -59,8 +59,8 @@ static uint8_t conclude(tare_t *tare, const axis_t *axis) {
   return AXIS_TARE_STATE_RUNNING;
 }
 
-/* Adds the force code of a tick to the mean. Returns AXIS_TARE_STATE_RUNNING, or the state that
- * states the reason of a refusal. */
+/* Adds the force code of a tick to the tare measurement. Returns AXIS_TARE_STATE_RUNNING, or the
+ * state that gives the reason of a refusal. */
 static uint8_t measure(tare_t *tare, const drive_params_t *params, const axis_t *axis) {
   if (axis->signals.active_mode != AXIS_MODE_DISABLED) {
     return AXIS_TARE_STATE_REFUSED_ENABLED;

@@ -1,11 +1,11 @@
 #ifndef FIRMWARE_GUARD_TARE_H_
 #define FIRMWARE_GUARD_TARE_H_
 
-/* The tare measurement sets force_tare to the mean of 2^tare_averaging measured forces without the
- * previous tare, rounded half up. The command `tare` starts the measurement; the command is refused
- * while the axis is enabled. From the next tick on, each of the following conditions ends the
- * measurement and leaves force_tare unchanged. The first condition that is true determines the
- * state:
+/* The tare measurement sets force_tare to the mean of 2^tare_averaging measured forces, rounded
+ * half up. The previous tare is not subtracted from these forces. The command `tare` starts the
+ * measurement; the command is refused while the axis is enabled. From the next tick on, each of the
+ * following conditions ends the measurement and leaves force_tare unchanged. The first condition
+ * that is true determines the state:
  *   refused_enabled  the axis is enabled
  *   refused_sensor   the sensors are not valid, or the force code is at an end of its range
  *   refused_moving   the encoder moved by more than TARE_JITTER_CNT since the first tick
@@ -13,7 +13,7 @@
  *   refused_band     the magnitude of the mean exceeds tare_band; if tare_band is 0, it exceeds the
  *                    range of force_tare
  * A repeated command restarts the measurement. The date of the verified configuration (1020h) does
- * not change, because a tare is a measurement. */
+ * not change, because a tare is a measurement.*/
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -40,8 +40,8 @@ typedef struct {
 /* Starts a tare measurement. */
 void tare_begin(tare_t *tare, drive_signals_t *signals);
 
-/* Adds the force code of a tick to the tare measurement. Ends the measurement when the measurement
- * is complete or refused. */
+/* Adds the force code of a tick to the tare measurement. Ends the measurement if it is complete or
+ * refused. */
 void tare_add_sample(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
                      const axis_t *axis);
 static inline void tare_tick(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
@@ -51,8 +51,9 @@ static inline void tare_tick(tare_t *tare, const drive_params_t *params, drive_s
   }
 }
 
-/* Ends a tare measurement with a state: AXIS_TARE_STATE_DONE if the new tare is active, or
- * refused_enabled if the axis was enabled meanwhile and the new tare is not used. */
+/* Ends a tare measurement with the given state. The state is AXIS_TARE_STATE_DONE if the new tare
+ * is active. It is refused_enabled if the axis was enabled meanwhile, so that the new tare is not
+ * used. */
 void tare_done(tare_t *tare, drive_signals_t *signals, uint8_t state);
 
 #endif

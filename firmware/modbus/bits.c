@@ -31,7 +31,8 @@ enum {
   DISABLE
 };
 
-/* Returns the object from whose value a coil is computed, or AXIS_OBJ_NONE. */
+/* Returns the object that determines the state of coil n, or AXIS_OBJ_NONE if there is no such
+ * object. */
 static uint16_t coil_object(uint32_t n) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -47,7 +48,7 @@ static uint16_t coil_object(uint32_t n) {
   }
 }
 
-/* Returns the state of a coil, computed from the value of its object. */
+/* Returns the state of coil n. `value` is the value of the object coil_object(n). */
 static bool coil(uint32_t n, uint32_t value) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -80,8 +81,8 @@ static bool discrete(uint32_t n, uint32_t value) {
   return (n < AXIS_DISCRETE_LIMIT_ACTIVE) ? fx_field(value, n, 1) != 0 : value != 0;
 }
 
-/* Appends the bits of the object that was read last to the answer, and requests the object of the
- * next bit. */
+/* Appends to the answer the bits that the last read object determines. Then requests the object for
+ * the next bit. */
 static void next_bits(modbus_request_t *r, uint8_t step) {
   for (; r->first < r->after; r->first++) {
     const uint16_t object = (step == COIL) ? coil_object(r->first) : discrete_object(r->first);
@@ -121,7 +122,7 @@ void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count) 
   read_bits(r, DISCRETE, AXIS_DISCRETE_COUNT, first, count);
 }
 
-/* Returns true if the request only commands a stop, which every source may command. */
+/* Returns true if the request commands only a stop of the axis. Every source may command a stop. */
 static bool only_stops(const modbus_request_t *r) {
   bool stops = false;
   for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
@@ -135,8 +136,8 @@ static bool only_stops(const modbus_request_t *r) {
   return stops;
 }
 
-/* Checks the permission to write these coils: every source may stop the axis, but only the owner
- * may do anything else. */
+/* Checks whether these coils may be written. Every source may stop the axis, but only the owner may
+ * do anything else. */
 static void ask_permission(modbus_request_t *r) {
   const bool stops = only_stops(r);
   modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,
@@ -161,9 +162,9 @@ static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t v
   modbus_ask(r, step, MODBUS_WRITE, object, fx_s32_from_u32(value));
 }
 
-/* Enables the axis from any state except a fault, or disables the axis. Only the halt bit of the
- * previous controlword is kept, because another bit could start an earlier set-point or homing
- * again. */
+/* Enables the axis from every state except a fault, or disables the axis. Of the previous
+ * controlword only the halt bit is kept, because another bit could start an earlier set-point or
+ * homing again. */
 static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
@@ -215,7 +216,7 @@ static void command(modbus_request_t *r) {
     modbus_end(r, MODBUS_EXCEPTION_STATE);
   } else if (r->one[AXIS_COIL_STORE] &&
              (r->one[AXIS_COIL_RECORDER_TRIGGER] || r->one[AXIS_COIL_ENABLE])) {
-    /* A save in progress would refuse the second command. */
+    /* The second command would be refused because of the save in progress. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
   } else if (r->one[AXIS_COIL_STORE]) {
     write(r, COMMAND, AXIS_OBJ_STORE_PARAMETERS, 1);
@@ -235,7 +236,7 @@ static void enable(modbus_request_t *r) {
   }
 }
 
-/* Returns true if a refusal of the last access ends the request. All other accesses were checked
+/* Returns true if the request ends when the last access is refused. All other accesses were checked
  * before, and the drive state shows afterwards whether the axis was enabled. */
 static bool is_decisive(const modbus_request_t *r) {
   return r->step == PERMISSION || r->step == COMMAND || r->step == DISABLE;

@@ -24,8 +24,8 @@ static bool is_identity(uint8_t number) {
   return found;
 }
 
-/* Returns the last object id of a category of the device identification: basic, regular or
- * extended. */
+/* Returns the last object id of a category of the device identification. The categories are basic,
+ * regular and extended. */
 static uint8_t identity_end(uint8_t category) {
   switch (category) {
     case 1:
@@ -64,7 +64,8 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the entry number r->first of `identities`, or ends the request after the last entry. */
+/* Requests the text of the entry r->first of `identities`. After the last entry, ends the
+ * request. */
 static void next_identity(modbus_request_t *r) {
   if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);
@@ -104,8 +105,8 @@ void modbus_identify(modbus_request_t *r) {
   } else if (category == 4 && !is_identity(number)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
   } else {
-    /* If the object id in the request is unknown, the answer begins with the first identification
-     * object. */
+    /* If the object id in the request does not exist, the answer begins with the first
+     * identification object. */
     const uint8_t first = is_identity(number) ? number : 0;
     const uint8_t last = (category == 4) ? number : identity_end(category);
     r->first = 0;
@@ -116,8 +117,9 @@ void modbus_identify(modbus_request_t *r) {
     while (r->after < IDENTITIES && identities[r->after] <= last) {
       r->after++;
     }
-    r->pdu[3] = 0x83; /* conformity level: all categories, stream and individual access */
-    r->pdu[4] = 0;    /* end of the list: no more objects follow */
+    /* conformity level: all categories, with stream access and individual access */
+    r->pdu[3] = 0x83;
+    r->pdu[4] = 0; /* end of the list: no more objects follow */
     r->pdu[5] = 0;
     r->pdu[6] = 0; /* number of objects */
     r->length = 7;

@@ -17,8 +17,8 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* Returns the last of `count` entries that begins at or before the register `at`. Returns the first
- * entry if no entry begins there. */
+/* Each entry of the register table begins at a register. Returns the last of `count` entries that
+ * begins at or before the register `at`, or the first entry if there is none. */
 static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t count,
                                        uint32_t at) {
   while (count > 1) {
@@ -29,8 +29,8 @@ static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t 
   return entries;
 }
 
-/* Selects the entries for a range of registers. Returns false if one register of the range does not
- * exist. */
+/* Selects the entries of the register table that contain the requested registers. Returns false if
+ * one of these registers does not exist. */
 static bool select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count) {
   const bool holding = table == MODBUS_HOLDING;
@@ -62,7 +62,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return select_entries(&request, table, first, count);
 }
 
-/* Returns the word in register `n` of a value that occupies `registers` registers. */
+/* Returns the 16-bit word in register `n` of a value that has `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -87,8 +87,8 @@ static void next_value(modbus_request_t *r) {
   }
 }
 
-/* Appends the requested registers of an entry to the answer. The request may contain only half of a
- * 32-bit value. */
+/* Appends the registers of the present entry to the answer, as far as they are requested. A request
+ * may contain only half of a 32-bit value. */
 static void append_value(modbus_request_t *r) {
   const uint16_t registers = registers_of(r->entry->object);
   const uint32_t value = (uint32_t)r->access.value;
@@ -125,7 +125,8 @@ static bool is_irreversible(uint16_t object) {
          axis_objects[object].block == AXIS_BLOCK_NONE;
 }
 
-/* Returns true if a write releases the axis to a source other than Modbus. */
+/* Returns true if a write of `value` to `object` releases the axis to a source other than
+ * Modbus. */
 static bool releases_axis(uint16_t object, int32_t value) {
   return object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
 }
@@ -195,7 +196,8 @@ static void next_check(modbus_request_t *r) {
   }
 }
 
-/* Begins the writes of the request. A single write needs no separate check. */
+/* Begins the writes of the request. If there is only one write, no separate check is needed before
+ * it. */
 static void begin_writes(modbus_request_t *r) {
   if (r->end - r->begin == 1) {
     next_write(r);
@@ -218,7 +220,7 @@ static void checked(modbus_request_t *r) {
   }
   const bool releases = releases_axis(access->object, access->value);
   if (releases && r->entry + 1 < r->end) {
-    /* After the request has released the axis, nothing can be written or undone. */
+    /* After a write that releases the axis, nothing can be written or undone. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }
@@ -254,8 +256,8 @@ static void written(modbus_request_t *r) {
     take_back(r);
     return;
   }
-  /* The previous value of the object replaces the written value in the request, so that the write
-   * can be undone. */
+  /* In the request, the previous value of the object replaces the written value. So the write can
+   * be undone. */
   for (uint32_t n = 0; n < registers_of(object); n++) {
     fx_store_be16(&r->place[2 * n], word_of(r->previous, registers_of(object), n, r->low_first));
   }
@@ -285,8 +287,8 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   }
 }
 
-/* Writes the masked value of function 22. A write to half of a 32-bit object is refused, so the
- * word does not matter in this case. */
+/* Writes the masked value of Modbus function 22. A write to half of a 32-bit object is refused, so
+ * for such an object the value of the word has no meaning. */
 static void mask(modbus_request_t *r) {
   const uint32_t kept = (uint32_t)r->access.value & r->and_mask;
   const uint32_t given = (uint32_t)r->or_mask & ~(uint32_t)r->and_mask;

@@ -1,14 +1,15 @@
 #ifndef FIRMWARE_MODBUS_REGISTERS_H_
 #define FIRMWARE_MODBUS_REGISTERS_H_
 
-/* Modbus registers of the objects: axis_holding and axis_input of the object table. An object of 8
- * or 16 bits has one register; an object of 32 bits has two, in the order of modbus_word_order.
- * Negative values are two's complement, sign-extended to the register. Access to an address without
- * register is exception 2. Half of a 32-bit object can be read; a write to half of a 32-bit object
- * is exception 3.
+/* Modbus registers of the objects. The tables axis_holding and axis_input of the object table have
+ * the holding registers and the input registers. An object of 8 or 16 bits has one register; an
+ * object of 32 bits has two, in the order of modbus_word_order. Negative values are two's
+ * complement, sign-extended to the register. Access to an address without a register gives
+ * exception 2. Half of a 32-bit object can be read; a write to half of a 32-bit object gives
+ * exception 3.
  *
  * The functions below start the work of a request; modbus_registers_resume() continues the request
- * to its end. */
+ * to its end.*/
 
 #include "firmware/modbus/step.h"
 
@@ -22,15 +23,15 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
 void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count);
 
-/* Writes `count` registers that begin at `first`, all or none; then reads r->read_count registers
- * that begin at r->read_first. The function overwrites `words`, in which the high byte of a word is
- * first.
+/* Writes `count` registers from `first` on: all of them, or none after an exception. Then reads
+ * r->read_count registers from r->read_first on. In `words` the high byte of each word is first.
+ * The function overwrites `words`.
  *
- * First each value is checked alone, with all other objects at their values before the request.
- * Then the values are written in the order of the registers. Irreversible writes (the controlword,
- * a native mode, a command) come last, so that a controlword acts on the targets in the same
- * request. If a write is still refused, the earlier writes are undone. An axis that was acquired
- * from LCM is not returned to LCM, because only LCM can acquire the axis again. */
+ * First each value is checked separately, while all other objects have their values from before the
+ * request. Then the values are written in the order of the registers. Irreversible writes (the
+ * controlword, a native mode, a command) come last, so that a controlword acts on the targets in
+ * the same request. If a write is still refused, the earlier writes are undone. An axis that was
+ * acquired from LCM is not returned to LCM, because only LCM can acquire the axis again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
 /* Modbus function 22: writes (old value AND r->and_mask) OR (r->or_mask AND NOT r->and_mask) to an

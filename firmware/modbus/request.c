@@ -85,8 +85,8 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* Writes a copy of the value in the request, because a write overwrites the words that it gets and
- * the response must repeat the request. */
+/* Writes a register with a copy of the value in the request. A copy is necessary, because
+ * modbus_write_registers() overwrites its words, and the response must repeat the request. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);
@@ -107,8 +107,8 @@ static void mask_register(modbus_request_t *r, uint16_t first, uint16_t and_mask
   modbus_mask_register(r, first);
 }
 
-/* Checks first whether the registers to read exist, so that a request that ends with an exception
- * writes nothing. */
+/* Modbus function 23: writes registers, then reads registers. The registers that will be read are
+ * checked first, so that a request with an exception writes nothing. */
 static void exchange_registers(modbus_request_t *r, uint16_t first, uint16_t count) {
   const uint16_t write_first = fx_load_be16(&r->pdu[THIRD]);
   const uint16_t write_count = fx_load_be16(&r->pdu[FOURTH]);
@@ -195,7 +195,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
   r->read_count = 0;
   counters[MODBUS_COUNT_SERVED] = (uint16_t)(counters[MODBUS_COUNT_SERVED] + 1);
   const uint16_t bytes = modbus_request_bytes(pdu, length);
-  /* Only an echo request (function 8) may have any length. */
+  /* Only an echo request (function 8) may have an arbitrary length. */
   const bool echo = pdu[FUNCTION] == 8 && length >= SECOND;
   if (bytes == MODBUS_BYTES_OPEN) {
     modbus_end(r, MODBUS_EXCEPTION_FUNCTION);
@@ -209,7 +209,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
 void modbus_request_resume(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   const bool reads = access->kind == MODBUS_READ || access->kind == MODBUS_READ_TEXT;
-  /* The answer contains 0 as the value of a write-only object. */
+  /* For a write-only object the answer contains the value 0. */
   if (reads && access->refusal != FW_OK && access->refusal != FW_ERROR_WRITE_ONLY) {
     modbus_end(r, modbus_exception_of(access->refusal));
     return;

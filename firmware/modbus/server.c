@@ -5,8 +5,8 @@
 #include "firmware/modbus/request.h"
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
-enum { UNIT = 0, PDU = 1 }; /* offsets in a frame */
-enum { TOO_LONG = 0xFFFF }; /* value of the length of a frame that must be discarded */
+enum { UNIT = 0, PDU = 1 }; /* offsets of the unit and of the PDU in a frame */
+enum { TOO_LONG = 0xFFFF }; /* special value of the length: the frame must be discarded */
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;
@@ -47,7 +47,7 @@ static void append_crc(modbus_t *modbus, uint16_t length) {
   fx_store_le(&modbus->frame[length], crc, BYTES_CRC);
 }
 
-/* Returns true if this function code is valid in a broadcast. */
+/* Returns true if this function code writes, so that it is permitted in a broadcast. */
 static bool writes(uint8_t function) {
   return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
 }
@@ -73,8 +73,8 @@ static void access_object(dictionary_t *objects, modbus_access_t *access) {
   }
 }
 
-/* Executes the request, whose PDU has `length` bytes. Returns the length of the response PDU in
- * bytes. */
+/* Executes the received request. Its PDU has `length` bytes. Returns the length in bytes of the PDU
+ * of the answer. */
 static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) {
   modbus_request_t request;
   modbus_request_begin(&request, modbus->frame[UNIT], &modbus->frame[PDU], length,
@@ -86,7 +86,7 @@ static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) 
   return request.length;
 }
 
-/* Processes a complete frame. */
+/* Processes a received frame that is complete. */
 static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;
@@ -110,16 +110,16 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   modbus->answer_sent = 0;
 }
 
-/* Returns true if the received bytes can be a complete frame: the CRC over all bytes, including the
- * CRC bytes of the frame, is 0. */
+/* Returns true if the received bytes can be a complete frame. Then the CRC over all bytes,
+ * including the two CRC bytes, is 0. */
 static bool closes(const modbus_t *modbus) {
   return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
 }
 
-/* Returns true if the frame is complete. In a frame to another unit only the CRC decides. If this
- * CRC is 0 too early by chance, the remaining bytes are discarded as an invalid frame. In a frame
- * with an unknown function the CRC does not decide: if its high byte is 0, the CRC over all bytes
- * is 0 one byte too early. */
+/* Returns true if the received frame is complete. In a frame to another unit only the CRC
+ * determines this. If the CRC over its bytes is 0 too early by chance, the remaining bytes are
+ * discarded as an invalid frame. In a frame with an unknown function the CRC is not used for this:
+ * if the high byte of the CRC in the frame is 0, the CRC over the bytes is 0 one byte too early. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
@@ -164,8 +164,8 @@ void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->silence < modbus->silence_ticks) {
     return;
   }
-  /* The frame has a correct CRC, but its length does not match its function code, or its function
-   * is unknown: the answer is an exception. */
+  /* The CRC of the frame is correct, but its length does not match its function code, or its
+   * function is unknown. The answer is an exception. */
   if (closes(modbus)) {
     take_frame(modbus, objects);
     return;
