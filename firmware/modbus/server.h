@@ -47,7 +47,7 @@ void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
 void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes, uint16_t count);
 
 /* Call modbus_tick() once in each tick. A frame ends after a silent interval of 3.5 characters, or
- * of 1.75 ms above 19200 bit/s; both times are rounded up to ticks. */
+ * of 1.75 ms if the bit rate is above 19200 bit/s. Both times are rounded up to ticks. */
 void modbus_tick(modbus_t *modbus, dictionary_t *objects);
 
 /* Writes at most `room` bytes of the answer into `bytes`. Returns the number of these bytes, or 0

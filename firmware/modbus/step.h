@@ -1,8 +1,9 @@
 #ifndef FIRMWARE_MODBUS_STEP_H_
 #define FIRMWARE_MODBUS_STEP_H_
 
-/* A Modbus request in progress: the present access to an object, and the step that continues the
- * request with the result. Code that only serves requests includes only request.h. */
+/* A Modbus request in progress: its present access to an object, and the step with which the
+ * request continues after this access. Code that only uses Modbus requests includes only
+ * request.h. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -31,28 +32,29 @@ enum {
   MODBUS_COUNT_EXCEPTIONS = 2, /* number of answers with an exception and of refused broadcasts */
   MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit and of broadcasts */
   MODBUS_COUNT_UNANSWERED = 4, /* number of broadcasts */
-  MODBUS_COUNT_NAK = 5,        /* always 0 */
+  MODBUS_COUNT_NAK = 5,        /* number of negative acknowledgements; always 0 */
   MODBUS_COUNT_BUSY = 6,       /* number of requests refused with exception 6 */
-  /* number of times that bytes were received before the last answer was fetched */
+  /* number of times that bytes were received while an answer still waited to be sent */
   MODBUS_COUNT_OVERRUNS = 7,
   MODBUS_COUNTERS = 8
 };
 
 typedef enum {
-  MODBUS_READ,        /* read the value of an object */
-  MODBUS_READ_TEXT,   /* read the text at a CANopen index */
-  MODBUS_CHECK,       /* check whether a write from Modbus would be accepted */
-  MODBUS_CHECK_OWNER, /* check a write as if Modbus owned the axis */
-  MODBUS_WRITE        /* write on behalf of Modbus */
+  MODBUS_READ,        /* reads the value of an object */
+  MODBUS_READ_TEXT,   /* reads the text at a CANopen index */
+  MODBUS_CHECK,       /* checks whether a write from Modbus would be accepted */
+  MODBUS_CHECK_OWNER, /* checks a write as if Modbus owned the axis */
+  MODBUS_WRITE        /* writes on behalf of Modbus */
 } modbus_access_kind_t;
 
 /* Value of the field `refusal` of an access if the axis did not answer. */
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
-  uint8_t kind;    /* modbus_access_kind_t */
-  uint16_t object; /* object AXIS_OBJ_, or CANopen index if kind is MODBUS_READ_TEXT */
-  /* raw value to check or write, or the value that was read; an unsigned 32-bit value keeps its
+  uint8_t kind; /* modbus_access_kind_t */
+  /* number (AXIS_OBJ_) of the object; for MODBUS_READ_TEXT, CANopen index of the text */
+  uint16_t object;
+  /* raw value that is checked or written, or that was read; an unsigned 32-bit value keeps its
    * bits */
   int32_t value;
   /* text that MODBUS_READ_TEXT found, with a 0 at its end; valid until the next access */
@@ -64,47 +66,49 @@ typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } mo
 
 typedef struct {
   modbus_access_t access;
-  /* file whose functions continue the request (modbus_part_t); MODBUS_ENDED if the answer is
+  /* source file (modbus_part_t) whose functions continue the request; MODBUS_ENDED if the answer is
    * complete */
   uint8_t part;
-  uint8_t step; /* step of the request */
+  uint8_t step; /* step with which the request continues */
   uint8_t unit;
   uint8_t *pdu;       /* function code and data of the request, and later of the answer */
   uint16_t length;    /* length in bytes of the request PDU, and later of the answer PDU */
   uint16_t *counters; /* array of MODBUS_COUNTERS counters */
 
-  /* For requests of registers: the entries of axis_holding or axis_input that the request reads or
-   * writes. */
+  /* The fields from `begin` to `after` are for requests that read or write registers. The entries
+   * are those of the table axis_holding or axis_input. */
   const axis_register_t *begin; /* first entry of the request */
-  const axis_register_t *end;   /* end of the entries of the request, after the last entry */
+  /* end of the entries of the request: the entry after the last one */
+  const axis_register_t *end;
   const axis_register_t *entry; /* entry that is being read or written */
-  bool wide;                    /* true if a 32-bit object is among the entries */
+  bool wide;                    /* true if the request contains a 32-bit object */
   /* true if the low word of a 32-bit object is in the first of its two registers */
   bool low_first;
-  uint8_t *words; /* words of the first entry to write */
-  uint8_t *place; /* words of the entry that is being read or written */
-  uint32_t first; /* number of the first register, bit or identification object to read */
-  uint32_t after; /* number of the last register, bit or identification object to read, plus 1 */
+  uint8_t *words; /* words in the request for the first entry that is written */
+  uint8_t *place; /* words in the request for the entry that is being read or written */
+  uint32_t first; /* number of the first register, bit or identification object that is read */
+  /* number of the last register, bit or identification object that is read, plus 1 */
+  uint32_t after;
   uint16_t read_first; /* function 23: first register that is read after the writes */
   /* number of registers that are read after the writes; 0 if no register is read */
   uint16_t read_count;
-  uint16_t and_mask; /* function 22 */
+  uint16_t and_mask; /* function 22: masks of the request */
   uint16_t or_mask;
   uint8_t word[2];      /* word that functions 6 and 22 write */
   uint8_t irreversible; /* number of writes in the request that cannot be undone */
   /* true while the irreversible writes are in progress; all other writes come first */
   bool writes_those;
   uint32_t previous; /* previous value of the object that is being written */
-  uint8_t exception; /* exception with which the request ends after its writes are undone */
+  uint8_t exception; /* exception with which the request ends when its writes have been undone */
 
-  /* For requests that write coils: one[n] or zero[n] is true if coil n is written with 1 or 0. If
-   * both are false, the request does not write coil n. */
+  /* For requests that write coils: one[n] is true if coil n is written with 1, and zero[n] is true
+   * if it is written with 0. If both are false, the request does not write coil n. */
   bool one[AXIS_COIL_COUNT];
   bool zero[AXIS_COIL_COUNT];
   uint32_t controlword;
 } modbus_request_t;
 
-/* Returns the Modbus exception for the result of an access. */
+/* Returns the Modbus exception that belongs to the result `refusal` of an access. */
 static inline uint8_t modbus_exception_of(int refusal) {
   switch (refusal) {
     case FW_OK:

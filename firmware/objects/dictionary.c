@@ -48,15 +48,16 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
   if (entry->access == AXIS_ACCESS_WO) {
     return FW_ERROR_WRITE_ONLY;
   }
-  /* A command has no value, so the read returns the initial value of the table. */
+  /* A command has no value. A read of a command therefore returns its initial value in the object
+   * table. */
   *value = (entry->block == AXIS_BLOCK_NONE)
                ? entry->initial
                : value_load(objects, place_of(objects, entry), entry->type);
   return FW_OK;
 }
 
-/* Returns FW_OK if the write is permitted, otherwise the refusal by the object table, the owner of
- * the axis or the state. */
+/* Returns FW_OK if the write is permitted. Otherwise returns the error code of the refusal, which
+ * depends on the object table, the owner of the axis, or the state of the axis. */
 static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (!exists(object)) {
     return FW_ERROR_NO_OBJECT;
@@ -172,7 +173,8 @@ uint32_t dictionary_download_most(const dictionary_t *objects, uint16_t index) {
   return objects->owner->download_most(objects, index);
 }
 
-/* Accepted bytes restart the watchdog of the owner, as other accepted writes do. */
+/* Returns the result of a part of a download. If the bytes were accepted, they restart the watchdog
+ * of the owner, as other accepted writes do. */
 static int taken(dictionary_t *objects, uint8_t source, int result) {
   if (result == FW_OK) {
     dictionary_written_by(objects, source);

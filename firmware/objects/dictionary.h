@@ -1,36 +1,40 @@
 #ifndef FIRMWARE_OBJECTS_DICTIONARY_H_
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
-/* Object dictionary for the module that has the values (app/fw.c). This module gives the dictionary
- * a table with one row for each block of objects: the position of the values and the functions that
- * the dictionary calls. Protocols use access.h instead. */
+/* The object dictionary for the module that contains the values (app/fw.c). This module passes a
+ * table to the dictionary. Each row of the table belongs to one block of objects, and has the
+ * position of the values and the functions that the dictionary calls. Protocols use access.h
+ * instead. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/access.h"
 
-/* One block of objects (AXIS_BLOCK_): their values are the members of one structure. */
+/* One block of objects (AXIS_BLOCK_). The values of these objects are the members of one
+ * structure. */
 typedef struct {
   uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
-  /* Returns FW_OK if a value within its range may be written; changes no state. The pointer is NULL
-   * if every value within its range may be written. */
+  /* Function that returns FW_OK if a value, which is within the range of its object, may be
+   * written. It changes no state. The function pointer is NULL if every value within the range may
+   * be written. */
   int (*check)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Called after a write: the value was `previous` and is now `value`. The pointer is NULL if no
-   * action follows a write. */
+  /* Function that is called after a write has changed a value from `previous` to `value`. The
+   * function pointer is NULL if no action follows a write. */
   void (*written)(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                   int32_t value);
 } dictionary_block_t;
 
 typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
-  /* Returns FW_OK if this source may write this object now. This depends on the owner and the state
-   * of the axis. */
+  /* Function that returns FW_OK if this source may write this object now. The result depends on the
+   * owner and the state of the axis. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Called after a write has changed the value of a parameter that is stored, or that ends a cycle
-   * (AXIS_IN_CYCLE_ENDS). */
+  /* Function that is called after a write has changed the value of an object, if the object is a
+   * stored parameter, or if its change ends a cycle (AXIS_IN_CYCLE_ENDS). */
   void (*changed)(dictionary_t *objects, uint16_t object);
-  /* Executes a command, which is an object without a value. */
+  /* Function that executes a command. A command is an object that can only be written and has no
+   * value. */
   int (*command)(dictionary_t *objects, uint16_t object, int32_t value);
   /* Functions that dictionary_text(), dictionary_domain_size() and dictionary_domain_read()
    * call. */
@@ -38,7 +42,7 @@ typedef struct {
   int32_t (*domain_size)(const dictionary_t *objects, uint16_t index);
   uint32_t (*domain_read)(const dictionary_t *objects, uint16_t index, uint32_t offset,
                           uint8_t *bytes, uint32_t count);
-  /* Functions that dictionary_download_most() and the functions after it call. */
+  /* Functions that dictionary_download_most() and the other functions for downloads call. */
   uint32_t (*download_most)(const dictionary_t *objects, uint16_t index);
   int (*download_begin)(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
   int (*download_append)(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,
@@ -46,19 +50,20 @@ typedef struct {
   int (*download_end)(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 } dictionary_owner_t;
 
-/* The object dictionary must be the first member of the structure that contains the values. Offsets
- * from the dictionary are then valid in every copy of this structure. */
+/* The object dictionary must be the first member of the structure that contains the values. Then
+ * the offsets from the dictionary are also valid in every copy of this structure. */
 struct dictionary {
   const dictionary_owner_t *owner;
-  /* set of the sources (FW_SOURCE_ bits) whose writes to objects that are not open were accepted
+  /* set of FW_SOURCE_ bits: sources of which a write to an object that is not open was accepted
    * since this set was last cleared */
   uint8_t writers;
-  uint8_t zero; /* byte that is always 0; TPDOs send this byte where no object is mapped */
+  /* byte that is always 0; a TPDO sends this byte at a place without a mapped object */
+  uint8_t zero;
 };
 
 void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
 
-/* Returns true if the object exists and has a value, which can be read in any tick. */
+/* Returns true if the object exists and has a value. Such a value can be read in every tick. */
 bool dictionary_has_value(uint16_t object);
 
 /* Writes an object that has a value, as dictionary_write() does. A command may call
@@ -66,21 +71,20 @@ bool dictionary_has_value(uint16_t object);
  * if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns true for an object that every source may write: it names the result or the points of the
- * curve that are read, or acknowledges a result. A write to such an object does not show that the
- * owner is still active.
- */
+/* Returns true if the object is open, which means that every source may write it. Such an object
+ * selects the result or the points of the curve that are read, or acknowledges a result. A write to
+ * such an object does not show that the owner is still active. */
 bool dictionary_is_open(uint16_t object);
 
-/* Stores that a write of this source to an object that is not open was accepted, for the watchdog
- * of the owner. */
+/* Stores that a write of this source to an object that is not open was accepted. The watchdog of
+ * the owner uses this. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
 /* Returns true if a stored value may be restored to this object at power-up. */
 bool dictionary_restorable(uint16_t object, int32_t value);
 
-/* Restores a stored value to an object without calling the functions of its block. The caller
- * applies all restored values afterwards. */
+/* Sets an object to its stored value without calling the functions of its block. The caller makes
+ * all restored values active afterwards. */
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value);
 
 #endif

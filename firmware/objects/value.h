@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_OBJECTS_VALUE_H_
 #define FIRMWARE_OBJECTS_VALUE_H_
 
-/* Values of the types of the object table (AXIS_TYPE_) inside a structure. All values are passed as
- * int32; an unsigned 32-bit value keeps its bits. `offset` is the number of bytes from `base` and
- * must be aligned for the type. */
+/* Functions for values in a structure that have a type of the object table (AXIS_TYPE_). All values
+ * are passed as int32; an unsigned 32-bit value keeps its bits. `offset` is the number of bytes
+ * from `base` and must be aligned for the type. */
 
 #include <stdint.h>
 
@@ -22,10 +22,12 @@ int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 /* Stores a value in a structure. The value must be in the range of the type. */
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 
-/* Sets every object in the structure of one block (AXIS_BLOCK_) to its power-up value. */
+/* Sets every object of one block (AXIS_BLOCK_) to its value at power-up. `structure` contains the
+ * values of this block. */
 void value_store_defaults(void *structure, uint8_t block);
 
-/* Returns the signed value for the bits in which the recorder packs a value of this type. */
+/* Returns the value that the recorder has stored in the bits `bits`, as a signed number. `type` is
+ * the type of the value. */
 int32_t value_from_bits(uint32_t bits, uint8_t type);
 
 #endif

@@ -2,9 +2,10 @@
 
 #include "firmware/objects/generated/axis_objects_device.h"
 
-enum { AGE_MAX = 255 }; /* largest value of an age in the inputs, in ticks */
+enum { AGE_MAX = 255 }; /* largest age in ticks that the inputs can contain */
 
-/* Node id of the master on the bus of the drive, and the next one for a drive that has this id. */
+/* Node id of the master on the bus of the drive. If the drive has this node id, the master has the
+ * node id MASTER - 1. */
 enum { MASTER = 127 };
 
 #define SAME_BIT(name, bit, key, what)                  \
@@ -43,14 +44,15 @@ uint8_t bus_drive_init(bus_drive_t *drive, const drive402_config_t *config) {
 void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
   const drive402_feedback_t feedback = drive402_feedback(&drive->master);
   inputs->encoder_cnt = feedback.position_cnt;
-  /* Until the drive is on, the axis waits with code 0 and no law uses the position, which is
-   * unknown while the master starts the drive again. */
+  /* Until the drive is on, the axis waits with code 0, and no control law uses the position. The
+   * position is not known while the master starts the drive again. */
   const uint16_t age = (feedback.on != 0) ? feedback.age_ticks : 0;
   inputs->position_age = (uint8_t)((age < AGE_MAX) ? age : AGE_MAX);
-  /* A board with this drive has no other drive, so FITTED is set before the drive answers. A fault
-   * of the drive is reported only while the axis is enabled: when the axis is enabled again, the
-   * master has not reset the fault yet. After the reset the drive may show the state fault for some
-   * cycles. If the drive stays in this state, the master reports a reason again. */
+  /* A board with this drive has no other amplifier, so the bit FITTED is 1 even before the drive
+   * has answered. A failure of the drive is reported to the axis only while the axis is enabled.
+   * When the axis is enabled again, the master has not reset the failure yet. After the reset the
+   * drive may be in the state fault for some bus cycles. If the drive stays in this state, the
+   * master reports a reason again. */
   const bool fails = feedback.reason != DRIVE402_NONE && drive->was_enabled != 0;
   const bool limits = feedback.limit != 0 || feedback.saturated != 0;
   inputs->drive =

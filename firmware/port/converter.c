@@ -13,21 +13,24 @@ enum {
   ADS_WREG = 0x50,
   ADS_SELFCAL = 0xF0,
   ADS_RESET = 0xFE,
-  ADS_ID = 0x30,     /* upper four bits of STATUS */
+  ADS_ID = 0x30,     /* upper four bits of the register STATUS */
   ADS_BUFFER = 0x02, /* bit of the register STATUS that switches the input buffer on */
   ADS_AIN0_AIN1 = 0x01,
-  ADS_7500 = 0xD0,        /* DRATE */
-  ADS_STATUS_MASK = 0xFE, /* mask of all bits of STATUS except the one that shows whether a
-                           * conversion is ready */
+  ADS_7500 = 0xD0, /* value of the register DRATE: 7500 conversions per second */
+  /* mask of the bits of STATUS that are compared: all except the bit that shows whether a
+   * conversion is ready */
+  ADS_STATUS_MASK = 0xFE,
   ADS_ADCON_MASK = 0x7F
 };
 
-/* Pauses in us: after a reset the converter calibrates itself, 0.6 ms; SELFCAL takes 0.9 ms at 7500
- * conversions a second; 50 cycles of 7.68 MHz are 6.5 us between a command and its answer, 4 or 24
- * cycles between commands. A reset of the AD7193 takes 0.5 ms. */
+/* Pauses in us. After a reset the ADS1256 calibrates itself in 0.6 ms. Its command SELFCAL takes
+ * 0.9 ms at 7500 conversions per second. Between a command and its answer it needs 50 cycles of
+ * 7.68 MHz, which are 6.5 us, and between two commands 4 or 24 cycles. A reset of the AD7193 takes
+ * 0.5 ms. */
 enum { PAUSE_RESET = 2000, PAUSE_CALIBRATION = 5000, PAUSE = 10 };
 
-/* Registers of the AD7193, with the bits of the communications register, and their values. */
+/* Values for the communications register of the AD7193 that select another register, and values and
+ * bits of these registers. */
 enum {
   AD_WRITE_MODE = 0x08,
   AD_WRITE_CONFIGURATION = 0x10,
@@ -62,7 +65,8 @@ static void expect(converter_step_t *step, uint8_t at, uint8_t wanted, uint8_t m
   step->mask[at] = mask;
 }
 
-/* Sends a register address and 24 bits, the highest byte first, or expects these 24 bits. */
+/* Makes a step that sends a register address. If `expects` is false, the step also sends the 24
+ * bits of `value`, the highest byte first. Otherwise the step expects to receive these 24 bits. */
 static void exchange_24(converter_step_t *step, uint8_t address, uint32_t value, bool expects) {
   const uint8_t bytes[] = {(uint8_t)(value >> 16), (uint8_t)(value >> 8), (uint8_t)value};
   step->sent[0] = address;
@@ -116,8 +120,10 @@ static bool ads1256_step(uint8_t gain, uint8_t number, converter_step_t *step) {
 }
 
 static bool ad7193_step(uint8_t gain, uint8_t number, converter_step_t *step) {
-  static const uint8_t reset[] = {ALL, ALL, ALL, ALL, ALL, ALL}; /* 40 ones at least */
-  /* The AD7193 has the gains 1 and 8 to 128, with their exponents as codes. */
+  /* at least 40 bits with the value 1 */
+  static const uint8_t reset[] = {ALL, ALL, ALL, ALL, ALL, ALL};
+  /* The AD7193 has the gain 1 and the gains 8 to 128. The code of a gain is its exponent to the
+   * base 2. */
   const uint32_t configuration = AD_CONFIGURATION | gain;
   switch (number) {
     case 0:
@@ -173,8 +179,8 @@ static bool is_odd(uint32_t word) {
   return (word & 1) != 0;
 }
 
-/* Checks the status after a reading. Its bit PARITY is 1 for an odd number of ones in the data. The
- * data are never all zeros without an error, unless the line stands still. */
+/* Checks the status byte that follows a reading of the AD7193. Its bit PARITY is 1 if the number of
+ * ones in the data is odd. If all bits of the data are 0, the line stands still. */
 static bool ad7193_is_right(uint32_t data, uint8_t status) {
   return (status & (AD_ERROR | AD_NO_REFERENCE | AD_CHANNEL)) == 0 &&
          is_odd(data) == ((status & AD_PARITY) != 0) && data != 0;
@@ -184,7 +190,7 @@ bool converter_take(converter_t *converter, uint8_t kind, const uint8_t *receive
   const uint32_t data =
       (uint32_t)received[0] << 16 | (uint32_t)received[1] << 8 | (uint32_t)received[2];
   const bool is_ad7193 = kind == AXIS_FORCE_CONVERTER_AD7193;
-  /* The AD7193 gives offset binary, the ADS1256 two's complement. */
+  /* A code of the AD7193 is offset binary, and a code of the ADS1256 is two's complement. */
   const int32_t code = (int32_t)(is_ad7193 ? data : (data ^ MIDDLE)) - MIDDLE;
   const bool is_equal = code == converter->code;
   converter->code = code;

@@ -7,9 +7,10 @@
  * The code for a board contains, in one file,
  *     IDENTITY_DEFINE("nucleo-f446re", "ab12cd34ef56+");
  * and its linker script keeps the section: KEEP(*(.forceaxis_identity)), aligned to 4, in flash. A
- * reader searches magic and size at every address divisible by 4; exactly one address may match.
- * Integers are little-endian; texts are ASCII, filled with zeros, and may use all bytes of their
- * field. New fields are only added at the end; `size` shows that they exist. */
+ * program that reads an image searches `magic` and `size` at every address divisible by 4. Exactly
+ * one address may match. Integers are little-endian; texts are ASCII, filled with zeros, and may
+ * use all bytes of their field. New fields are only added at the end; `size` shows that they
+ * exist. */
 
 #include <stdint.h>
 
@@ -33,7 +34,7 @@ _Static_assert(sizeof(identity_t) == 60, "read by other programs");
  * tools/image defines this text in the section .version, which the linker script places. */
 extern const char identity_software[];
 
-/* The identity of the image, for the code for the board. */
+/* The identity of this image. The code for the board defines this variable. */
 extern const identity_t identity;
 
 #define IDENTITY_SECTION ".forceaxis_identity"

@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_PORT_IMAGE_H_
 #define FIRMWARE_PORT_IMAGE_H_
 
-/* Symbols that ram.ld defines in the image of a board, and the start-up of its memory. */
+/* Symbols that the linker script ram.ld defines in the image of a board, and the start-up of the
+ * memory of the board. */
 
 #include <stdint.h>
 
@@ -10,7 +11,8 @@ extern uint32_t data_begin[], data_end[];
 extern const uint32_t data_load[];
 extern uint32_t bss_begin[], bss_end[];
 extern uint32_t recorder_begin[], recorder_end[];
-/* memories for programs of cycles, for the results of parts and for the curve of a cycle */
+/* memory for cycle programs, memory for the results of parts, and memory for the curve of a
+ * cycle */
 extern uint32_t programs_begin[], programs_end[];
 extern uint32_t results_begin[], results_end[];
 extern uint32_t curve_begin[], curve_end[];
@@ -34,7 +36,7 @@ static inline void image_start_memory(void) {
   }
 }
 
-/* The code for the board implements this function, which cortexm/start.c calls on a new stack when
+/* The code for the board implements image_failed(). cortexm/start.c calls it on a new stack when
  * the program cannot continue, for example after a fault of the core. On a real board it switches
  * the outputs off and resets the chip. */
 _Noreturn void image_failed(void);

@@ -3,18 +3,20 @@
 
 #include "firmware/port/port.h"
 
-/* largest number of bytes in one transfer, which limits the time for which the tick is masked */
+/* largest number of bytes in one transfer of the serial line. It limits the time for which the tick
+ * interrupt is masked */
 enum { SERIAL_CHUNK_BYTES = 32 };
 
 static fw_t firmware;
-static volatile bool is_ticked; /* fw_between() is pending */
+/* true: a tick has run, and fw_between() has not run after it yet */
+static volatile bool is_ticked;
 static uint8_t bus = CAN_BUS_ACTIVE;
 
 fw_t *port_firmware(void) { return &firmware; }
 
 void port_tick(void) {
-  /* port_sample() sets only the fields that its board has. Most boards have no report of a drive
-   * and no ages. */
+  /* port_sample() sets only the fields of inputs that its board has. Most boards have no report of
+   * a drive and no ages of values. */
   axis_inputs_t inputs = {0};
   if (port_sample(&inputs)) {
     axis_outputs_t outputs;
@@ -37,8 +39,8 @@ static void serial_in(void) {
   }
 }
 
-/* Passes the received bytes to Modbus before the tick ends, because Modbus would otherwise measure
- * the time of these bytes as a silent interval. */
+/* Passes the received bytes to Modbus before the last tick is completed. Otherwise Modbus would
+ * count the time in which these bytes arrived as a silent interval. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;
@@ -47,8 +49,8 @@ void port_settle(void) {
   }
 }
 
-/* Lets the main loop use the firmware until port_unlock(). First runs fw_between() if the last tick
- * still needs this call. */
+/* Locks the tick interrupt, so that the main loop may use the firmware until port_unlock(). If
+ * fw_between() has not run after the last tick yet, runs it first. */
 static void acquire_firmware(void) {
   port_lock();
   port_settle();
@@ -73,9 +75,9 @@ static void poll_port(void) {
   port_unlock();
 }
 
-/* Passes each received frame separately to the firmware. The longest frame takes 62 us, which is
- * the largest delay of a tick while the axis is enabled. Only a disabled axis takes the end of a
- * program's download (programs.h). */
+/* Passes each received frame separately to the firmware. The frame that takes longest needs 62 us,
+ * which is the largest delay of a tick while the axis is enabled. The end of the download of a
+ * cycle program takes longer, but it is accepted only while the axis is disabled (programs.h). */
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
@@ -86,10 +88,10 @@ static void can_in(void) {
 }
 
 static void can_out(void) {
-  /* CAN frame that port_can_transmit() has refused and that is sent again later */
+  /* CAN frame that port_can_transmit() has refused; it is sent again later */
   static can_frame_t waiting;
   static bool is_waiting;
-  /* A frame that waited before bus off is too old when the bus works again. */
+  /* A frame that was waiting when the bus went off is too old when the bus works again. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
     if (!is_waiting) {
@@ -104,7 +106,7 @@ static void can_out(void) {
   }
 }
 
-/* Passes received bytes to Modbus and sends the bytes of the response. */
+/* Passes received bytes of the serial line to Modbus, and sends the bytes of the answer. */
 static void serve_serial(void) {
   static uint8_t answer[SERIAL_CHUNK_BYTES];
   static uint16_t count;

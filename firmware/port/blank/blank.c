@@ -1,7 +1,7 @@
-/* Code for a board without peripherals, from which the code for a new board can start. The sensors
- * of this axis are not valid, so the amplifier is never enabled. This file compiles for any target;
- * serial.c has the parts that depend on the chip. ../README.md gives the order in which to write
- * the functions. */
+/* Code for a board without peripherals. Use it as a template for the code for a new board. The
+ * sensors of this axis are not valid, so the amplifier is never enabled. This file compiles for any
+ * target; serial.c contains the parts that depend on the chip. ../README.md gives the order in
+ * which the functions are written. */
 
 #include <stddef.h>
 
@@ -12,8 +12,8 @@
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 
 void port_init(void) {
-  /* Order for a real board: 1. Set the DAC to mid-scale, switch the amplifier off and the brake on.
-   * 2. Start the clocks. 3. Start all other peripherals. */
+  /* A real board needs these steps in this order: 1. Set the DAC to mid-scale, switch the amplifier
+   * off and the brake on. 2. Start the clocks. 3. Start all other peripherals. */
 }
 
 const fw_config_t *port_config(void) {

@@ -1,14 +1,15 @@
-/* The parts of the board `blank` that depend on the chip: tick and serial line. Vectors, start-up,
- * lock and the timer of the core are those of every Cortex-M, in ../cortexm. */
+/* The parts of the board `blank` that depend on the chip: the tick and the serial line. The
+ * interrupt vectors, the start-up, the lock and the timer of the core are the same for every
+ * Cortex-M, and are in ../cortexm. */
 
 #include "firmware/port/port.h"
 #include "firmware/port/tick.h"
 
 typedef volatile uint32_t reg_t;
 
-/* The serial line is USART1 of the STM32F405. The code polls the USART and sets neither pins nor
- * bit rate, because QEMU models neither of the two. The code for a real board has a ring buffer for
- * each direction, which an interrupt fills or empties. */
+/* The serial line is USART1 of the STM32F405. The code polls the USART. It sets neither the pins
+ * nor the bit rate, because QEMU does not model them. The code for a real board has a ring buffer
+ * for each direction, which an interrupt fills or empties. */
 typedef struct {
   reg_t SR;
   reg_t DR;

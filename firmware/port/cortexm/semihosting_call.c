@@ -1,5 +1,5 @@
-/* The request of a Cortex-M to the host: the instruction BKPT with the number 0xAB (ARM,
- * "Semihosting for AArch32 and AArch64"). */
+/* The semihosting call of a Cortex-M, which is a request to the host: the instruction BKPT with the
+ * number 0xAB (ARM, "Semihosting for AArch32 and AArch64"). */
 
 #include "firmware/port/emulated/semihosting.h"
 

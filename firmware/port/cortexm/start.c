@@ -1,6 +1,6 @@
-/* Vectors, start-up and lock of a Cortex-M, from the Cortex-M0 on. A board with interrupts besides
- * those of the core defines their vectors in the section .vectors.interrupts, from interrupt 0 on.
- */
+/* Interrupt vectors, start-up and lock for every Cortex-M, including the Cortex-M0. If a board has
+ * more interrupts than those of the core, it defines their vectors in the section
+ * .vectors.interrupts, beginning with interrupt 0. */
 
 #include "firmware/port/image.h"
 #include "firmware/port/port.h"
@@ -44,13 +44,14 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, reset),
             HANDLER(2, core_failed), /* NMI */
-            HANDLER(3, core_failed), /* hard fault, and all faults without an enabled handler */
+            /* hard fault, and all faults whose own handler is not enabled */
+            HANDLER(3, core_failed),
             HANDLER(EXCEPTION_SYSTICK, tick_interrupt),
         },
 };
 
-/* Masks all interrupts, because a Cortex-M0 cannot mask by priority. The code for a board with
- * interrupts for bytes or frames masks only the tick interrupt. */
+/* Masks all interrupts, because a Cortex-M0 cannot mask interrupts by their priority. If a board
+ * has interrupts for received bytes or frames, its own code must mask only the tick interrupt. */
 void port_lock(void) { __asm volatile("cpsid i" ::: "memory"); }
 
 void port_unlock(void) { __asm volatile("cpsie i" ::: "memory"); }

@@ -1,5 +1,5 @@
-/* The tick by SysTick, the timer in the core of most Cortex-M. The linker script of the board
- * defines core_hz, the clock of the core in Hz. */
+/* The tick of a board whose timer is SysTick, the timer in the core of most Cortex-M. The linker
+ * script of the board defines core_hz, the clock frequency of the core in Hz. */
 
 #include "firmware/port/port.h"
 #include "firmware/port/tick.h"
@@ -14,13 +14,13 @@ typedef struct {
 #define SYSTICK ((systick_t *)0xE000E010)
 enum { SYSTICK_CLOCKED_BY_CORE_WITH_INTERRUPT = 7 };
 
-extern const uint8_t core_hz[]; /* the address is the number */
+extern const uint8_t core_hz[]; /* the address of this symbol is the clock frequency in Hz */
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
+static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
 
-/* Sets the length of the tick after the present one: a new reload value acts from the next reload
- * on (ARMv7-M Architecture Reference Manual, B3.3). */
+/* Sets the length of the next tick. A new reload value of SysTick acts from the next reload on
+ * (ARMv7-M Architecture Reference Manual, B3.3). */
 static void set_next(void) {
   SYSTICK->RVR = tick_counts((uint32_t)(uintptr_t)core_hz, &fraction) - 1;
 }

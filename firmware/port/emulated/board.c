@@ -1,5 +1,5 @@
-/* The functions of port.h that are the same on every emulated board without buses of its own. The
- * linker script of the board gives the sizes of the memories. */
+/* Functions of port.h that are the same on every emulated board without CAN and serial line. The
+ * linker script of the board defines the sizes of the memories. */
 
 #include "firmware/port/emulated/host_link.h"
 #include "firmware/port/emulated/semihosting.h"
@@ -37,8 +37,8 @@ void port_start(void) { tick_start(); }
 
 _Noreturn void image_failed(void) { semihosting_fail(); }
 
-/* Waits for the next tick without an instruction that waits for interrupts, because in such an
- * instruction QEMU, which counts instructions, doubles the period of every timer. */
+/* Waits for the next tick. No instruction that waits for interrupts is used: QEMU, which counts
+ * instructions, doubles the period of every timer in such an instruction. */
 void port_idle(void) {
   static uint32_t seen;
   while (tick_entries() == seen) {
@@ -46,7 +46,8 @@ void port_idle(void) {
   seen = tick_entries();
 }
 
-/* The time of the emulator stops while a tick waits for the host, so no tick is late. */
+/* Returns false: no tick is late, because the time of the emulator stops while a tick waits for the
+ * host. */
 bool port_overran(uint32_t *missed) {
   *missed = 0;
   return false;
@@ -59,7 +60,7 @@ bool port_can_receive(can_frame_t *frame) {
   return false;
 }
 
-/* Discards the frame, as a bus without other nodes would not keep it for ever. */
+/* Discards the frame, because a bus without other nodes would not keep it for ever either. */
 bool port_can_transmit(const can_frame_t *frame) {
   (void)frame;
   return true;

@@ -1,7 +1,7 @@
-/* The inputs and outputs of an emulated board: the host sends inputs and receives outputs as
- * messages (records), whose bytes are defined in host/link/chip_side.hpp. Each tick interrupt waits
- * for a record and answers it; the time of the emulator stops while it waits. Without a host the
- * sensors read zero and the outputs are discarded. */
+/* The inputs and outputs of an emulated board. The host sends inputs and receives outputs as
+ * messages (records). host/link/chip_side.hpp defines the bytes of a record. Each tick interrupt
+ * waits for a record and answers it. The time of the emulator stops while an interrupt waits.
+ * Without a host the sensors read zero and the outputs are discarded. */
 
 #include "firmware/port/emulated/host_link.h"
 
@@ -66,10 +66,11 @@ static void read_object(const uint8_t *record) {
   answer((uint32_t)refusal, (uint32_t)value);
 }
 
-/* Serves the records of the host up to the record of the next tick, which is returned in `record`.
- * If the host waits for each tick, the previous tick is completed first, as in process, so that the
- * results do not depend on the speed of the main loop. Writes of the host prolong an interrupt;
- * until the main loop has processed them, no tick is reported as late. */
+/* Serves the records of the host up to the record of the next tick, and returns this last record in
+ * `record`. If the host waits for each tick, the previous tick is completed first. The order is
+ * then the same as without an emulator, and the results do not depend on the speed of the main
+ * loop. Writes of the host make an interrupt longer, so no tick is reported as late until the main
+ * loop has processed them. */
 static void serve_host(uint8_t *record) {
   static bool is_behind;
   const bool is_late = port_firmware()->ticks_alone != 0;
@@ -92,7 +93,7 @@ static void serve_host(uint8_t *record) {
         answer(port_firmware()->drive.cycle.failed_phase, late_ticks);
         break;
       default:
-        answer(tick_entries() - 1, ticks); /* the present interrupt had no tick to compute */
+        answer(tick_entries() - 1, ticks); /* the present interrupt has computed no tick */
         semihosting_exit();
     }
   }

@@ -9,8 +9,8 @@ enum {
   SYS_EXIT = 0x18
 };
 
-/* Reasons of the end of a program, of which a processor with 32 bits gives only the number (ARM,
- * "Semihosting for AArch32 and AArch64", SYS_EXIT). */
+/* Reasons for the end of a program. A processor with 32 bits passes only the number of the reason
+ * to the host (ARM, "Semihosting for AArch32 and AArch64", SYS_EXIT). */
 #define EXIT_BY_APPLICATION UINT32_C(0x20026)
 #define EXIT_BY_ERROR UINT32_C(0x20023)
 
@@ -42,7 +42,7 @@ void semihosting_seek(int32_t file, uint32_t offset) {
 }
 
 /* Reads `count` bytes from a file of the host. Each call of SYS_READ returns the number of bytes
- * that were not read; a pipe may return fewer bytes than requested. */
+ * that were not read, because a pipe may have fewer bytes than requested. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const uint32_t block[3] = {(uint32_t)file, (uint32_t)(uintptr_t)bytes, count};

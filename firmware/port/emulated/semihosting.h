@@ -7,16 +7,17 @@
 
 #include <stdint.h>
 
-/* Modes of semihosting_open(): read, write, read and change. */
+/* Modes of semihosting_open(): the file is read; the file is written; the file is read and
+ * changed. */
 enum { SEMIHOSTING_READ = 1, SEMIHOSTING_WRITE = 5, SEMIHOSTING_CHANGE = 3 };
 
-/* Requests an operation from the host and returns the host's result. The processor's folder
- * implements this function, because each processor has an instruction of its own for the request:
+/* Requests an operation from the host and returns the result of the host. Each processor has its
+ * own instruction for this request, so the folder of the processor implements the function:
  * cortexm/semihosting_call.c, riscv32_virt/riscv32_virt.c. */
 int32_t semihosting_call(uint32_t operation, const void *argument);
 
-/* Reads the command line into `text` and ends it by 0. The text is empty if the command line is
- * longer than `room`. */
+/* Reads the command line of the program into `text`, with a 0 at its end. The text is empty if the
+ * command line is longer than `room`. */
 void semihosting_command_line(char *text, uint32_t room);
 
 /* Opens a file of the host. Returns a negative number if the file cannot be opened. */
@@ -25,12 +26,13 @@ int32_t semihosting_open(const char *name, uint32_t mode);
 /* Sets the offset in a file from which the next bytes are read or written. */
 void semihosting_seek(int32_t file, uint32_t offset);
 
-/* Read or write all `count` bytes, without a time-out. An error ends the program. */
+/* semihosting_read() reads all `count` bytes, and semihosting_write() writes them, without a
+ * time-out. An error ends the program. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count);
 void semihosting_write(int32_t file, const uint8_t *bytes, uint32_t count);
 
-/* End the program: semihosting_exit() with the exit status 0 of the emulator, semihosting_fail()
- * with the exit status 1. */
+/* semihosting_exit() ends the program with the exit status 0 of the emulator, and
+ * semihosting_fail() with the exit status 1. */
 _Noreturn void semihosting_exit(void);
 _Noreturn void semihosting_fail(void);
 

@@ -5,8 +5,8 @@
 #include "firmware/fx/fx.h"
 
 typedef struct {
-  /* The firmware must be the first member, because the caller uses the address of the firmware for
-   * the whole axis. */
+  /* The firmware must be the first member of this structure, because the caller uses the address of
+   * the firmware as the address of the whole axis. */
   fw_t fw;
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];

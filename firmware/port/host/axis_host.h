@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_PORT_HOST_AXIS_HOST_H_
 #define FIRMWARE_PORT_HOST_AXIS_HOST_H_
 
-/* The firmware on a host, for Python, nodes and tests. The functions here create and destroy a
- * firmware; the functions of firmware/app/fw.h run this firmware. Two axes share no data. Two
- * threads must not use one axis at the same time. */
+/* The firmware as a part of a program on the host, for Python, nodes and tests. These functions
+ * create and destroy a firmware. The functions of firmware/app/fw.h run it. Two axes share no data.
+ * Two threads must not use one axis at the same time. */
 
 /* The headers of the firmware contain no conditionals, so a C++ program gets the C linkage of their
  * functions here. */
@@ -18,12 +18,13 @@ extern "C" {
 fw_t *axis_host_create(void);
 
 /* Creates an axis with a configuration. If the configuration has no recorder buffer, a buffer is
- * allocated, and likewise FW_PROGRAM_BYTES for programs and FW_CURVE_BYTES for a curve. If the axis
- * is on buses and has no black box, a black box is allocated too. */
+ * allocated. If it has no memory for cycle programs or for a curve, FW_PROGRAM_BYTES or
+ * FW_CURVE_BYTES are allocated. If the axis is on buses and has no black box, a black box is
+ * allocated too. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
-/* Returns the code of a DAC with `bits` bits, 12..16, that is nearest to the output:
- * floor(dac_fine / 2^(16 - bits) + 1/2). It is exact if dac_bits is at most `bits`. */
+/* Returns the code of a DAC with `bits` bits, 12..16, that is nearest to the output: floor(dac_fine
+ * / 2^(16 - bits) + 1/2). The code is exact if dac_bits is at most `bits`. */
 int16_t axis_host_dac_code(const axis_outputs_t *outputs, int bits);
 
 /* Destroys an axis that axis_host_create() or axis_host_create_with() created. NULL is

@@ -52,8 +52,8 @@ static void read_file(int file, uint32_t address, uint8_t *bytes, uint32_t count
   } while (done < 0 && errno == EINTR);
 }
 
-/* Returns bytes that are on the disk. Bytes that cannot be read, or not be brought to the disk, are
- * returned as blank bytes; a record of blank bytes has no valid CRC. */
+/* Returns bytes of the file that are certainly on the disk. Bytes that cannot be read or cannot be
+ * written to the disk are returned as blank bytes. A record of blank bytes has no valid CRC. */
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   store_file_t *store_file = context;
   const bool is_unsynced = has_unsynced(store_file) && address < store_file->run_end &&
@@ -65,7 +65,8 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   read_file(store_file->file, address, bytes, count);
 }
 
-/* Programming can only clear bits, as in a flash memory. */
+/* Programs bytes of the file. As in a flash memory, programming can only change bits from 1 to
+ * 0. */
 static bool write_cleared(int file, uint32_t address, const uint8_t *bytes, uint32_t count) {
   uint8_t chunk[CHUNK_BYTES];
   while (count > 0) {
@@ -84,9 +85,9 @@ static bool write_cleared(int file, uint32_t address, const uint8_t *bytes, uint
   return true;
 }
 
-/* Programs bytes of the file. The first bytes of a run of adjacent calls, which have the head of a
- * record, are on the disk before the others; the others are before they are read back, and before
- * anything else is written. */
+/* Programs bytes of the file. The first of several calls with adjacent addresses has the head of a
+ * record. Its bytes are on the disk before the bytes of the next calls are written. All bytes are
+ * on the disk before they are read back, and before other bytes are written. */
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
   store_file_t *store_file = context;
   const bool is_next = store_file->run_end != 0 && address == store_file->run_end;
@@ -120,8 +121,8 @@ static bool erase_sector(void *context, uint8_t sector) {
          erase_range(store_file->file, sector * bytes, bytes) && synced(store_file);
 }
 
-/* Returns true if a file has only blank bytes, or zeros in the place of blank bytes that a disk
- * without power has not received. */
+/* Returns true if a file has only blank bytes. Zeros also count as blank bytes, because a power cut
+ * can leave zeros in a new file. */
 static bool is_blank(int file, uint32_t count) {
   bool blank = true;
   for (uint32_t i = 0; i < count; i++) {
@@ -132,7 +133,7 @@ static bool is_blank(int file, uint32_t count) {
   return blank;
 }
 
-/* Waits until the name of a file is in its folder on the disk. */
+/* Waits until the entry of a file in its folder is on the disk. */
 static bool sync_folder(const char *path) {
   char folder[FOLDER_BYTES];
   const char *slash = strrchr(path, '/');

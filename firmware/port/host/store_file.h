@@ -1,12 +1,13 @@
 #ifndef FIRMWARE_PORT_HOST_STORE_FILE_H_
 #define FIRMWARE_PORT_HOST_STORE_FILE_H_
 
-/* A file as memory of the parameter store or of the archive: two sectors with the bytes of a flash
- * memory. If the process is killed, the file keeps all programmed bytes, as a flash memory does
- * after a power cut. If the host loses its power, the file keeps all bytes that were read back: a
- * set or an incident that is reported as stored is on the disk. Storing takes some five to ten
- * calls of fdatasync(), each as long as the disk needs; ticks are late by this time, so an axis
- * stores while it is disabled. Only one process at a time may use the file. */
+/* A file that is the memory of the parameter store or of the archive. It contains two sectors like
+ * those of a flash memory. If the process is killed, the file keeps all programmed bytes, as a
+ * flash memory does after a power cut. If the host loses its power, the file keeps all bytes that
+ * were read back. So a parameter set or an incident that is reported as stored is on the disk. A
+ * save needs some five to ten calls of fdatasync(), and the time of each call depends on the disk.
+ * Ticks are late by this time, so an axis saves only while it is disabled. Only one process at a
+ * time may use the file. */
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,15 +22,19 @@ enum {
 };
 
 typedef struct {
-  /* memory for fw_config_t, which must not move while the firmware runs */
+  /* memory for fw_config_t; its address must not change while the firmware runs */
   store_memory_t memory;
   int file;
-  uint32_t run_end;    /* address after the last programmed bytes; 0 if a sync has followed */
-  uint32_t synced_end; /* address in this run from which bytes may not be on the disk yet */
+  /* address after the last programmed bytes; 0 if the file was synchronised with the disk since
+   * then */
+  uint32_t run_end;
+  /* address from which the programmed bytes up to run_end may not be on the disk yet */
+  uint32_t synced_end;
 } store_file_t;
 
-/* Opens the file of a parameter store; a new file is blank. Returns NULL, or a text with the error:
- * the file has a wrong size, another process has locked the file, or a message of the system. */
+/* Opens the file of a parameter store; a new file is blank. Returns NULL if the file is open.
+ * Otherwise returns a text with the error: the file has a wrong size, another process has locked
+ * the file, or another error of the system. */
 const char *store_file_open(store_file_t *store_file, const char *path);
 
 /* Opens the file of an archive of incidents (fw_config_t.archive). Returns the same texts as

@@ -32,12 +32,13 @@ enum {
   NS_IN_THREE_TICKS = 2000000,
   NS_IN_TICK = NS_IN_THREE_TICKS / 3,
   TICKS_IN_S = 1500,
-  ADC_MIDDLE = 32768,     /* ADC code that represents a force or a current of 0 */
-  AGE_MAX = 255,          /* largest age of an input in ticks */
-  FRAMES_AT_ONCE = 64,    /* largest number of frames of the drive's bus in a tick */
-  START_TICKS_MAX = 7500, /* longest wait for values of the drive and the force sensor before the
-                           * axis starts: 5 s */
-  STOP_TICKS = 300,       /* time from a quick stop to the end of the process: 0.2 s */
+  ADC_MIDDLE = 32768,  /* ADC code of a force of 0 or a motor current of 0 */
+  AGE_MAX = 255,       /* largest age of an input in ticks */
+  FRAMES_AT_ONCE = 64, /* largest number of frames of the drive's bus in a tick */
+  /* longest time to wait for values of the drive and of the force sensor before the axis starts: 5
+   * s */
+  START_TICKS_MAX = 7500,
+  STOP_TICKS = 300, /* time from a quick stop to the end of the process: 0.2 s */
   IDLE_MS = 2
 };
 
@@ -57,17 +58,17 @@ static iio_t converter;
 static lateness_t lateness;
 static pthread_mutex_t mutex;
 static pthread_t tick_thread;
-static int wake; /* event that ends port_idle() */
+static int wake; /* descriptor of the event that ends port_idle() */
 static atomic_bool is_stopping;
 
 /* The following variables belong to the tick thread. */
 static uint16_t force_code = ADC_MIDDLE;
 static uint32_t force_age = AGE_MAX;
-static bool has_force;  /* a force was received */
+static bool has_force;  /* true: a measured force was received */
 static bool is_enabled; /* true: the last tick has enabled the axis */
 static bool is_too_late;
-static uint32_t missed; /* number of missed ticks since the last call of port_overran(); protected
-                         * by the lock */
+/* number of missed ticks since the last call of port_overran(); the lock protects this variable */
+static uint32_t missed;
 
 const fw_config_t *port_config(void) { return &firmware_config; }
 
@@ -83,9 +84,11 @@ bool port_overran(uint32_t *count) {
   return *count > 0;
 }
 
-void port_feed_watchdog(void) {} /* the drive monitors the heartbeat of this process */
+/* no watchdog timer: the drive monitors the heartbeat of this process instead */
+void port_feed_watchdog(void) {}
 
-/* Writes to standard error which key of the settings helps if an object of the drive has failed. */
+/* If an SDO transfer of an object of the drive has failed, writes to standard error which key of
+ * the settings helps. */
 static void report_key(const drive402_feedback_t *said) {
   const char *key = drive402_key(said);
   if (key != NULL && said->reason == DRIVE402_SDO_DIFFERS) {
@@ -95,7 +98,7 @@ static void report_key(const drive402_feedback_t *said) {
   }
 }
 
-/* Writes why the drive has failed to standard error, once for each failure. */
+/* Writes the reason why the drive has failed to standard error, once for each failure. */
 static void report_drive(void) {
   static uint8_t reported;
   port_lock();
@@ -116,7 +119,7 @@ static void report_drive(void) {
   reported = said.reason;
 }
 
-/* Writes to standard error why a bus is off, and later that it is back. */
+/* Writes to standard error the reason why a CAN bus is off, and later that the bus works again. */
 static void report_bus(const char *interface, const can_line_t *line, const char **reported) {
   port_lock();
   const char *trouble = can_line_trouble(line);
@@ -136,7 +139,7 @@ static void report_buses(void) {
 
 static bool has_converter(void) { return config->iio.device != NULL; }
 
-/* Writes why the converter gives no force to standard error, once for each reason. */
+/* Writes the reason why the converter gives no force to standard error, once for each reason. */
 static void report_converter(void) {
   static const char *reported;
   port_lock();
@@ -148,8 +151,8 @@ static void report_converter(void) {
   reported = trouble;
 }
 
-/* Writes a line to standard error for each object of the axis whose time is too short for the bus
- * of the drive, once for each value of the object. */
+/* Some objects of the axis are times that may be too short for the bus of the drive. Writes a line
+ * to standard error for each such object, once for each value of the object. */
 static void report_times(void) {
   static uint32_t reported_on = UINT32_MAX;
   static uint32_t reported_age = UINT32_MAX;
@@ -199,7 +202,7 @@ uint8_t port_can_bus(void) { return can_line_state(&supervisor); }
 uint16_t port_can_lost(void) { return can_line_lost(&supervisor); }
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; } /* `ip link` sets the bit rate */
 
-/* The axis has no serial line. */
+/* Returns 0, because the axis has no serial line. */
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
   (void)bytes;
   (void)room;
@@ -216,7 +219,8 @@ static void note_force(void) {
   has_force = true;
 }
 
-/* Receives all values that drive, load cell and converter have sent since the last tick. */
+/* Receives all values that the drive, the load cell and the converter have sent since the last
+ * tick. */
 static void receive_all(void) {
   if (force_age < AGE_MAX) {
     force_age++;
@@ -237,14 +241,15 @@ static void receive_all(void) {
 static void send_drive(void) {
   can_frame_t frame;
   while (drive402_transmit(&drive.master, &frame)) {
-    /* A frame that the interface refuses is lost. The drive and its master detect this loss. */
+    /* If the interface refuses the frame, the frame is lost. The drive and its master detect this
+     * loss. */
     (void)can_line_send(&drive_line, &frame);
   }
 }
 
 bool port_sample(axis_inputs_t *inputs) {
   receive_all();
-  /* The emergency stop acts on the drive (STO), so this process has no enable chain of its own. */
+  /* The emergency stop acts directly on the drive (STO), so this process has no enable chain. */
   *inputs = (axis_inputs_t){.din = AXIS_DIGITAL_INPUTS_ENABLE, .sensor_valid = has_force};
   inputs->adc_code[0] = force_code;
   inputs->force_age = (uint8_t)force_age;
@@ -264,7 +269,8 @@ void port_act(const axis_outputs_t *outputs) {
   send_drive();
 }
 
-/* Computes one tick of the drive's master without the axis, in which the drive has to stop. */
+/* Computes one tick of the master of the drive without the axis. The drive must stop in this
+ * tick. */
 static void stop_tick(void) {
   const axis_outputs_t outputs = {0};
   port_lock();
@@ -273,8 +279,8 @@ static void stop_tick(void) {
   port_unlock();
 }
 
-/* Returns true when drive and force sensor have sent values, or when the wait for them has ended.
- */
+/* Returns true if the drive and the force sensor have sent values, or if the longest time to wait
+ * for them has passed. */
 static bool is_ready(uint64_t ticks) {
   return (has_force && drive402_feedback(&drive.master).age_ticks < AGE_MAX) ||
          ticks >= START_TICKS_MAX;
@@ -286,12 +292,14 @@ static uint64_t now_ns(void) {
   return (uint64_t)now.tv_sec * NS_IN_S + (uint64_t)now.tv_nsec;
 }
 
-/* Returns the microseconds in `ns`, less than a tick, rounded up. */
+/* Converts the time `ns`, which is less than a tick, from nanoseconds to microseconds, rounded
+ * up. */
 static uint16_t us_of(uint64_t ns) {
   return (uint16_t)(((ns < NS_IN_TICK) ? ns : NS_IN_TICK) / 1000 + 1);
 }
 
-/* Sleeps until tick number `tick` is due. Returns by how many nanoseconds the thread is late. */
+/* Sleeps until tick number `tick` is due. Returns the time in nanoseconds by which the thread is
+ * late. */
 static uint64_t wait_for(const struct timespec *start, uint64_t tick) {
   const uint64_t due_ns = (uint64_t)start->tv_nsec + tick * NS_IN_THREE_TICKS / 3;
   const struct timespec due = {.tv_sec = start->tv_sec + (time_t)(due_ns / NS_IN_S),
@@ -301,7 +309,7 @@ static uint64_t wait_for(const struct timespec *start, uint64_t tick) {
   return now_ns() - ((uint64_t)due.tv_sec * NS_IN_S + (uint64_t)due.tv_nsec);
 }
 
-/* Stops the drive, and ends the process. */
+/* Stops the drive and ends the process. */
 static void end(const struct timespec *start, uint64_t tick) {
   for (uint64_t last = tick + STOP_TICKS; tick <= last; tick++) {
     (void)wait_for(start, tick);
@@ -331,7 +339,7 @@ static void *run_ticks(void *unused) {
       continue;
     }
     lateness_add(&lateness, late_ns);
-    /* A disabled axis misses ticks without harm; they are only counted. */
+    /* It does no harm if a disabled axis misses ticks, so these ticks are only counted. */
     is_too_late = is_enabled && late_ticks > config->late_ticks_max;
     tick += late_ticks;
     lateness.missed += late_ticks;
@@ -346,7 +354,7 @@ static void *run_ticks(void *unused) {
   }
 }
 
-/* Computes ticks without buses, sensors or drive for `lateness_s` seconds. */
+/* Computes ticks for `lateness_s` seconds, without buses, sensors and drive. */
 static void *measure_ticks(void *unused) {
   (void)unused;
   struct timespec start;
@@ -369,7 +377,7 @@ static void *measure_ticks(void *unused) {
   return NULL;
 }
 
-/* Starts a thread with the priority and on the CPU of the configuration. */
+/* Starts a thread with the priority of the configuration, on the CPU of the configuration. */
 static void start_thread(void *(*run)(void *)) {
   pthread_attr_t attributes;
   (void)pthread_attr_init(&attributes);
@@ -408,7 +416,7 @@ static const char *open_bus(can_line_t *line, const char *interface) {
   return (result == CAN_RAW_OPEN) ? NULL : can_line_error(result);
 }
 
-/* Opens interfaces and files. Returns NULL or a text with the error. */
+/* Opens the CAN interfaces and all files. Returns NULL, or a text with the error. */
 static const char *open_all(void) {
   static char text[1536];
   const char *const names[] = {config->supervisor_can, config->drive_can, config->store_path,

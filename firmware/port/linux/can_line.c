@@ -8,10 +8,12 @@
 #include <string.h>
 
 enum {
-  /* Size of the receive buffer in bytes. The default of the kernel is too small for bursts. */
+  /* Size of the receive buffer in bytes. The default size of the kernel is too small for bursts of
+   * frames. */
   BUFFER_BYTES = 4 << 20,
-  CALLS_PER_LOOK = 150 /* number of calls between two checks of a bus that is off: 0.1 s with one
-                        * call in each tick */
+  /* number of calls between two checks of a bus that is off; with one call in each tick this is 0.1
+   * s */
+  CALLS_PER_LOOK = 150
 };
 
 can_raw_result_t can_line_open(can_line_t *line, const char *interface) {
@@ -42,7 +44,7 @@ static bool is_off(const can_line_t *line) {
   return line->is_down || line->controller == CAN_BUS_OFF;
 }
 
-/* Reads the state of the controller from an error frame. */
+/* Reads the state of the CAN controller from an error frame. */
 static void take_error(can_line_t *line, const struct can_frame *frame) {
   const uint8_t controller = ((frame->can_id & CAN_ERR_CRTL) != 0) ? frame->data[1] : 0;
   if ((frame->can_id & CAN_ERR_BUSOFF) != 0) {
@@ -55,12 +57,12 @@ static void take_error(can_line_t *line, const struct can_frame *frame) {
     line->controller = CAN_BUS_PASSIVE;
   }
   if ((controller & CAN_ERR_CRTL_RX_OVERFLOW) != 0) {
-    line->last_lost--; /* a frame more that was lost */
+    line->last_lost--; /* counts one more lost frame */
   }
 }
 
-/* Checks whether a bus that was off works again, because the error frame that reports this may have
- * been dropped. */
+/* Checks whether a bus that was off works again. This check is needed, because the error frame that
+ * reports it may have been dropped. */
 static void look(can_line_t *line) {
   if (line->was_removed) {
     line->was_removed = !can_raw_bind(&line->raw);
@@ -70,7 +72,7 @@ static void look(can_line_t *line) {
     line->is_down = true;
   } else if (line->is_down) {
     line->is_down = false;
-    line->controller = CAN_BUS_ACTIVE; /* a controller starts so */
+    line->controller = CAN_BUS_ACTIVE; /* a CAN controller starts in this state */
   } else if (!link.has_carrier) {
     line->has_no_carrier = true;
   } else if (line->has_no_carrier) {
@@ -78,7 +80,7 @@ static void look(can_line_t *line) {
   }
 }
 
-/* Acts on a call of can_raw_receive() without a frame. */
+/* Acts on a call of can_raw_receive() that has returned no frame. */
 static void take_nothing(can_line_t *line, int error) {
   if (error == -ENETDOWN || error == -ENODEV) {
     line->is_down = true;

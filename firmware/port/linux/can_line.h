@@ -5,10 +5,11 @@
  * the bus, and the number of lost frames. No call waits.
  *
  * The bus is off while the controller is bus off, while the interface is down, and while there is
- * no interface. It comes back by itself: after bus off when the driver has restarted the controller
- * (`restart-ms` of `ip link`, or `ip link set can0 type can restart`), which also takes the
- * sequences of recessive bits of CiA 301; otherwise when the interface is up again. An interface
- * whose controller is bus off is up, so that alone is no sign. */
+ * no interface. The bus works again without a call. After bus off, it works when the driver has
+ * restarted the controller (`restart-ms` of `ip link`, or `ip link set can0 type can restart`) and
+ * the controller has seen the sequences of recessive bits of CiA 301. In the other cases it works
+ * when the interface is up again. If the controller is bus off, the interface is still up, so the
+ * state of the interface alone does not show that the bus works. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,37 +23,40 @@ extern "C" {
 
 typedef struct {
   can_raw_t raw;
-  uint8_t controller;  /* state of the bus (CAN_BUS_), as the error frames of the controller report
-                        * it */
-  bool is_down;        /* the interface is down or was removed */
-  bool was_removed;    /* the interface was removed, so that the socket belongs to none */
-  bool has_no_carrier; /* the controller was seen without carrier since it is bus off */
-  bool was_off;        /* the bus was off since the last call of can_line_state() */
-  uint8_t calls;       /* number of calls of can_line_receive() until a bus that is off is checked
-                        * again */
-  uint32_t last_lost;  /* value of raw.dropped at the last call of can_line_lost() */
+  /* state of the bus (CAN_BUS_) that the error frames of the controller have reported */
+  uint8_t controller;
+  bool is_down;     /* true: the interface is down or was removed */
+  bool was_removed; /* true: the interface was removed, so the socket belongs to no interface */
+  /* true: since the bus is off, the interface was once found without carrier */
+  bool has_no_carrier;
+  /* true: the bus was off at some time since the last call of can_line_state() */
+  bool was_off;
+  /* number of calls of can_line_receive() since a bus that is off was last checked */
+  uint8_t calls;
+  uint32_t last_lost; /* value of raw.dropped at the last call of can_line_lost() */
 } can_line_t;
 
-/* Opens an interface such as "can0", which may be down. */
+/* Opens a CAN interface, for example "can0". The interface may be down. */
 can_raw_result_t can_line_open(can_line_t *line, const char *interface);
 
-/* Returns the text of a failure of can_line_open(). */
+/* Returns a text that describes a failure of can_line_open(). */
 const char *can_line_error(can_raw_result_t result);
 
-/* Reads the next received frame. Returns false if there is none. Error frames change the state.
- * Must be called at least in each tick: with the bus off, every 150th call looks whether it is
- * back. */
+/* Reads the next received frame. Returns false if there is no frame. Error frames are not returned,
+ * but change the state of the bus. Call this function at least once in each tick. While the bus is
+ * off, every 150th call checks whether the bus works again. */
 bool can_line_receive(can_line_t *line, can_frame_t *frame);
 
-/* Returns the state of the bus, CAN_BUS_. If the bus was off since the last call, it is
- * CAN_BUS_OFF once, also when the bus is back. */
+/* Returns the state of the bus (CAN_BUS_). If the bus was off at some time since the last call, the
+ * result is CAN_BUS_OFF once, even if the bus works again. */
 uint8_t can_line_state(can_line_t *line);
 
-/* Returns why the bus is off, as a sentence without a full stop, or NULL while it is not. */
+/* Returns the reason why the bus is off, as a sentence without a full stop. Returns NULL while the
+ * bus is not off. */
 const char *can_line_trouble(const can_line_t *line);
 
-/* Returns false if the queue of the interface has no room, and the caller then repeats the call; or
- * if the bus is off. */
+/* Sends a frame. Returns false if the bus is off, or if the queue of the interface has no room. In
+ * the second case the caller repeats the call later. */
 bool can_line_send(can_line_t *line, const can_frame_t *frame);
 
 /* Returns the number of frames lost since the last call, at most 65535. */

@@ -27,7 +27,7 @@ static void set_options(const can_raw_t *raw) {
     return;
   }
   (void)setsockopt(raw->fd, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof(on));
-  /* Only root may exceed the limit of the system. */
+  /* Only root may set a size above the limit of the system. */
   if (setsockopt(raw->fd, SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof(bytes)) != 0) {
     (void)setsockopt(raw->fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof(bytes));
   }
@@ -85,12 +85,12 @@ can_raw_link_t can_raw_link(const can_raw_t *raw) {
 int can_raw_send(const can_raw_t *raw, const struct can_frame *frames, unsigned count) {
   struct iovec parts[CAN_RAW_BATCH];
   struct mmsghdr messages[CAN_RAW_BATCH];
-  if (count == 1) { /* takes less time */
+  if (count == 1) { /* a write of a single frame takes less time than sendmmsg() */
     return (write(raw->fd, frames, sizeof(*frames)) < 0) ? -errno : 1;
   }
   const unsigned most = (count < CAN_RAW_BATCH) ? count : CAN_RAW_BATCH;
   for (unsigned i = 0; i < most; i++) {
-    /* sendmmsg() reads the frames alone. */
+    /* sendmmsg() only reads the frames, so they may be const. */
     parts[i] =
         (struct iovec){.iov_base = (void *)(uintptr_t)&frames[i], .iov_len = sizeof(frames[i])};
     messages[i] = (struct mmsghdr){.msg_hdr = {.msg_iov = &parts[i], .msg_iovlen = 1}};
@@ -99,7 +99,7 @@ int can_raw_send(const can_raw_t *raw, const struct can_frame *frames, unsigned 
   return (sent < 0) ? -errno : sent;
 }
 
-/* Reads the number of dropped frames, which the kernel passes with a frame. */
+/* Reads the number of dropped frames. The kernel passes this number together with a frame. */
 static void take_dropped(can_raw_t *raw, struct msghdr *message) {
   for (struct cmsghdr *part = CMSG_FIRSTHDR(message); part != NULL;
        part = CMSG_NXTHDR(message, part)) {

@@ -15,7 +15,7 @@
 
 enum { PATH_BYTES = 512, TEXT_BYTES = 64, ADC_BITS = 16, VALUE_BITS_MAX = 32 };
 
-/* An enabled channel of the device. */
+/* An enabled channel of the IIO device. */
 typedef struct {
   unsigned long index;
   iio_type_t type;
@@ -25,7 +25,8 @@ typedef struct {
 /* The error sentence that iio_open() returned last. */
 static char message[2 * PATH_BYTES];
 
-/* Reads a decimal number from 0 to `most` and moves *text behind it. */
+/* Reads a decimal number from 0 to `most`, and moves *text to the first character after the
+ * number. */
 static bool read_number(const char **text, unsigned long most, uint8_t *number) {
   char *end;
   if (**text < '0' || **text > '9') {
@@ -37,7 +38,7 @@ static bool read_number(const char **text, unsigned long most, uint8_t *number) 
   return value <= most;
 }
 
-/* Moves *text behind `word` if it begins so. */
+/* If *text begins with `word`, moves *text to the first character after `word`. */
 static bool skip(const char **text, const char *word) {
   const size_t length = strlen(word);
   const bool is_there = strncmp(*text, word, length) == 0;
@@ -45,12 +46,12 @@ static bool skip(const char **text, const char *word) {
   return is_there;
 }
 
-/* Returns true for 1, 2, 4 and 8. */
+/* Returns true if a number is 1, 2, 4 or 8. */
 static bool is_power(unsigned number) {
   return number >= 1 && number <= 8 && (number & (number - 1)) == 0;
 }
 
-/* Reads the numbers `bits/storagebits[Xrepeat][>>shift]`. */
+/* Reads the numbers in a text `bits/storagebits[Xrepeat][>>shift]`. */
 static bool read_numbers(const char **text, iio_type_t *type) {
   uint8_t storage = 0;
   type->repeat = 1;
@@ -99,7 +100,7 @@ int64_t iio_value(const iio_type_t *type, const uint8_t *bytes) {
 /* Writes the error sentence that iio_open() returns. */
 #define FAIL(...) ((void)snprintf(message, sizeof(message), __VA_ARGS__), message)
 
-/* Reads the first line of a file below `folder`. */
+/* Reads the first line of the file `name` in `folder`. */
 static bool read_text(const char *folder, const char *name, char text[TEXT_BYTES]) {
   char path[PATH_BYTES];
   const int length = snprintf(path, sizeof(path), "%s/%s", folder, name);
@@ -117,7 +118,7 @@ static bool is_one(const char *folder, const char *name) {
   return read_text(folder, name, text) && strtol(text, NULL, 10) == 1;
 }
 
-/* Reads index and type of the channel of which `name` is the file NAME_en. */
+/* `name` is the file NAME_en of a channel. Reads the index and the type of this channel. */
 static const char *read_channel(const char *folder, const char *name, channel_t *channel) {
   char file[PATH_BYTES / 2];
   char text[TEXT_BYTES];
@@ -136,7 +137,7 @@ static const char *read_channel(const char *folder, const char *name, channel_t 
   return NULL;
 }
 
-/* Adds a channel in the order of the indices. */
+/* Adds a channel to the sorted list of channels. The list is in the order of their indices. */
 static void insert(channel_t *channels, uint8_t count, const channel_t *channel) {
   uint8_t place = count;
   for (; place > 0 && channels[place - 1].index > channel->index; place--) {
@@ -151,8 +152,8 @@ static bool is_enable_file(const char *name) {
          strcmp(name + length - strlen("_en"), "_en") == 0;
 }
 
-/* Reads the enabled channels of an open folder into channels[IIO_CHANNELS]. `force` is the file of
- * the force channel, such as in_voltage0_en. */
+/* Reads the enabled channels from the files of an open folder into channels[IIO_CHANNELS]. `force`
+ * is the name of the file of the force channel, for example in_voltage0_en. */
 static const char *read_channels(DIR *open, const char *folder, const char *force,
                                  channel_t *channels, uint8_t *count) {
   const struct dirent *entry;
@@ -178,7 +179,7 @@ static uint32_t aligned(uint32_t offset, uint32_t size) {
   return (offset + size - 1) / size * size;
 }
 
-/* Computes where the channel is in a scan, and how long a scan is. */
+/* Computes the offset of the force channel in a scan, and the size of a scan. */
 static const char *lay_out(iio_t *iio, const channel_t *channels, uint8_t count, const char *name) {
   uint32_t end = 0;
   uint32_t largest = 1;
@@ -209,7 +210,8 @@ static const char *lay_out(iio_t *iio, const channel_t *channels, uint8_t count,
   return NULL;
 }
 
-/* Reads the files of the device. Newer kernels have the channels in `buffer0` too. */
+/* Reads the files of the IIO device. In newer kernels the files of the channels are also in the
+ * folder `buffer0`. */
 static const char *read_device(iio_t *iio, const iio_settings_t *settings) {
   char folder[PATH_BYTES / 2];
   char force[PATH_BYTES / 4];
@@ -263,8 +265,8 @@ static bool read_more(iio_t *iio) {
   return count > 0;
 }
 
-/* Uses the newest complete scan and keeps the bytes that follow it. Returns false if there is
- * none. */
+/* Uses the newest complete scan and keeps the bytes after this scan. Returns false if there is no
+ * complete scan. */
 static bool take_newest(iio_t *iio, uint16_t *code) {
   const uint16_t whole = (uint16_t)(iio->used / iio->scan * iio->scan);
   if (whole == 0) {

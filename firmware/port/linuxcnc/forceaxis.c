@@ -19,14 +19,15 @@
 enum {
   PERIOD_NS = 666667,
   PERIOD_TOLERANCE_NS = 1,
-  OBJECTS_MAX = 32,         /* largest number of inputs, and of outputs, that are objects */
-  LATE_TICKS = 3,           /* initial value of late-ticks-max */
-  LATE_TICKS_MAX = 1000,    /* largest late-ticks-max */
-  WATCH_UNTIMED_TICKS = 15, /* ticks between two checks of the fault */
+  /* largest number of HAL pins that write objects, and largest number that show objects */
+  OBJECTS_MAX = 32,
+  LATE_TICKS = 3,           /* initial value of the HAL parameter late-ticks-max */
+  LATE_TICKS_MAX = 1000,    /* largest value of late-ticks-max */
+  WATCH_UNTIMED_TICKS = 15, /* number of ticks between two checks for a new fault */
   AGE_MAX = 255
 };
 
-/* Pins and parameters of HAL, in memory of HAL. */
+/* HAL pins and HAL parameters of the component. This structure is in memory of HAL. */
 typedef struct {
   hal_s32_t *encoder_count;
   hal_u32_t *force_code;
@@ -65,7 +66,7 @@ typedef struct {
   const char *name;
   hal_type_t type;
   int direction; /* hal_pin_dir_t or hal_param_dir_t */
-  size_t offset; /* offset in pins_t, in bytes */
+  size_t offset; /* offset of the pin or parameter in pins_t, in bytes */
 } pin_t;
 
 #define PIN(name, type, direction, member) \
@@ -114,10 +115,10 @@ static const char *const usual_inputs[] = {"force_setpoint", "position_setpoint"
                                            "fault_reset", "mode"};
 static const char *const usual_outputs[] = {"force", "position"};
 
-/* An object of the firmware that a pin writes or shows. */
+/* An object of the firmware that a HAL pin writes or shows. */
 typedef struct {
   const axis_object_meta_t *meta;
-  int32_t last; /* value of the pin in the last tick */
+  int32_t last; /* value of the HAL pin in the last tick */
 } object_t;
 
 static fw_t firmware;
@@ -127,13 +128,14 @@ static object_t shown[OBJECTS_MAX];
 static uint8_t written_count;
 static uint8_t shown_count;
 static long long last_ns; /* time of the last tick; 0 before the first tick */
-static bool was_enabled;  /* true if the last tick has enabled the axis; the watcher may have
-                           * cleared the pin since */
+/* true if the last tick has enabled the axis; the watcher thread may have cleared the HAL pin since
+ * then */
+static bool was_enabled;
 static int component;
 static pthread_t watcher;
 static atomic_uint ticks;
-static atomic_bool is_halted; /* true: the watcher has found that the thread of HAL no longer
-                               * runs */
+/* true: the watcher thread has found that the thread of HAL no longer runs */
+static atomic_bool is_halted;
 static atomic_bool is_ending;
 
 static void set_outputs(const axis_outputs_t *outputs_now) {
@@ -148,7 +150,8 @@ static void set_safe_outputs(void) {
   set_outputs(&safe);
 }
 
-/* Writes each object whose pin has changed. The value 0 executes no command. */
+/* Writes each object whose HAL pin has changed. If the object is a command, the value 0 does not
+ * execute it. */
 static void write_objects(void) {
   for (uint8_t i = 0; i < written_count; i++) {
     object_t *object = &written[i];
@@ -181,7 +184,8 @@ static void show_objects(void) {
   *pins->limit_reason = (uint32_t)object_value(AXIS_OBJ_LIMIT_REASON);
 }
 
-/* Sets the ADC code of the force. Returns false if the force has no code. */
+/* Computes the ADC code of the force from the HAL pins. Returns false if the force is outside the
+ * range of the ADC codes. */
 static bool read_force(uint16_t *code) {
   if (pins->force_scale == 0.0) {
     *code = (uint16_t)*pins->force_code;
@@ -221,7 +225,8 @@ static axis_inputs_t read_inputs(void) {
   return now;
 }
 
-/* Returns by how many whole ticks this tick is late. Ticks are not timed if late-ticks-max is 0. */
+/* Returns the number of whole ticks by which this tick is late. If late-ticks-max is 0, the time of
+ * ticks is not measured. */
 static uint32_t late_ticks(void) {
   const long long now_ns = rtapi_get_time();
   const long long elapsed_ns = (last_ns == 0) ? 0 : now_ns - last_ns;
@@ -245,12 +250,12 @@ static bool is_wrong_period(long period_ns) {
   return is_wrong;
 }
 
-/* Computes one tick: the function that a thread of HAL calls. */
+/* Computes one tick. A thread of HAL calls this function. */
 static void update(void *unused, long period_ns) {
   (void)unused;
   const uint32_t late = late_ticks();
   const bool was_halted = atomic_exchange(&is_halted, false);
-  /* A disabled axis is late without harm; late ticks are then only counted. */
+  /* It does no harm if a disabled axis is late, so late ticks are then only counted. */
   const bool is_late = was_enabled && (was_halted || late > pins->late_ticks_max);
   const bool is_timely = !is_wrong_period(period_ns) && !is_late;
   const axis_inputs_t now = read_inputs();
@@ -264,13 +269,13 @@ static void update(void *unused, long period_ns) {
   (void)fw_report(&firmware);
   fw_between(&firmware);
   if (late > 0) {
-    fw_overrun(&firmware, 0); /* HAL makes up for late ticks, so no tick is missed */
+    fw_overrun(&firmware, 0); /* HAL computes late ticks afterwards, so no tick is missed */
   }
   show_objects();
   (void)atomic_fetch_add(&ticks, 1);
 }
 
-/* Reports the name of a new fault. */
+/* If there is a new fault, reports its name. */
 static void report_fault(void) {
   static uint32_t reported = AXIS_FAULT_NONE;
   const uint32_t code = *pins->fault_code;
@@ -286,7 +291,8 @@ static void report_fault(void) {
   reported = code;
 }
 
-/* Sleeps for longer than late-ticks-max. Returns false if ticks are not timed. */
+/* Sleeps for a longer time than late-ticks-max ticks. Returns false if the time of ticks is not
+ * measured. */
 static bool wait_for_ticks(void) {
   const uint32_t limit = pins->late_ticks_max;
   const uint32_t timed = (limit < LATE_TICKS_MAX) ? limit + 1 : LATE_TICKS_MAX + 1;
@@ -296,7 +302,8 @@ static bool wait_for_ticks(void) {
   return limit > 0;
 }
 
-/* Makes the outputs safe when the thread of HAL stands still, because nothing else does. */
+/* The watcher thread. It makes the outputs safe when the thread of HAL no longer runs, because
+ * nothing else does this. */
 static void *watch(void *unused) {
   (void)unused;
   unsigned seen = 0;
@@ -328,7 +335,7 @@ static int load_parameters(void) {
   if (error != NULL) {
     return refuse(error);
   }
-  /* A write to an object of the drive starts the drive, which computes `contact`. */
+  /* A write to an object of the drive starts the drive. The drive computes `contact`. */
   return fw_object_write(&firmware, FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                          object_value(AXIS_OBJ_VELOCITY_THRESHOLD));
 }
@@ -366,7 +373,8 @@ static const axis_object_meta_t *find_object(const char *name, const char *witho
   return NULL;
 }
 
-/* Makes the pin forceaxis.in.NAME or forceaxis.out.NAME of an object, with - instead of _. */
+/* Makes the HAL pin forceaxis.in.NAME or forceaxis.out.NAME of an object. NAME is the name of the
+ * object, with each "_" replaced by "-". */
 static int make_object_pin(object_t *object, const char *name, hal_pin_dir_t direction,
                            hal_s32_t **pin) {
   char text[160];
@@ -392,7 +400,8 @@ static int make_object_pin(object_t *object, const char *name, hal_pin_dir_t dir
   return status;
 }
 
-/* Returns `given`, or the usual names if loadrt names no object. */
+/* Returns name i of `given`, the objects in the command loadrt. If loadrt names no object, returns
+ * name i of `usual`. */
 static const char *name_of(char *const *given, const char *const *usual, size_t count, size_t i) {
   if (given[0] != NULL) {
     return (i < OBJECTS_MAX) ? given[i] : NULL;

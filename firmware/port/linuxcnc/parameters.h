@@ -9,10 +9,10 @@ extern "C" {
 
 #include "firmware/app/fw.h"
 
-/* Writes the parameters of a file of `forceaxis axis params dump` to the firmware. The table
- * [canopen] is skipped, because the component is on no bus. Returns NULL, or one line that says
- * where the file is wrong, what was expected and what to do; the line is valid until the next call.
- * host/linuxcnc/parameters.cpp implements this function. */
+/* Writes the parameters in a file to the firmware. The file comes from `forceaxis axis params
+ * dump`. Its table [canopen] is skipped, because the component is on no bus. Returns NULL, or one
+ * line that states where the file is wrong, what was expected and what to do. The line is valid
+ * until the next call. host/linuxcnc/parameters.cpp implements this function. */
 const char *parameters_load(fw_t *firmware, const char *file);
 
 #ifdef __cplusplus

@@ -34,10 +34,11 @@ enum { MODE_TIMER = 0, BITMODE_32_BITS = 3, INTENSET_COMPARE0 = 1 << 16 };
 enum { COUNTS_AHEAD = 16 };
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
+static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
 
-/* Sets the compare value of the next tick, at least 1 us ahead of the counter: a value that the
- * counter has passed would be reached again after 268 s only. Ticks between are missed. */
+/* Sets the compare value of the next tick. The value is at least 1 us ahead of the counter, because
+ * the counter would reach a passed value only after 268 s. Ticks that were due before this value
+ * are missed. */
 static void set_next(void) {
   do {
     TIMER0->CC[0] += tick_counts(TIMER_HZ, &fraction);
@@ -58,8 +59,9 @@ void tick_start(void) {
 
 void tick_interrupt(void) {
   entries++;
-  /* The compare value is set before the event is cleared: QEMU sets the event again if it is
-   * cleared while the counter still equals the compare value. The chip accepts either order. */
+  /* The compare value is set before the event is cleared. If the event were cleared while the
+   * counter still equals the compare value, QEMU would set the event again. The chip accepts either
+   * order. */
   set_next();
   TIMER0->EVENTS_COMPARE[0] = 0;
   port_tick();

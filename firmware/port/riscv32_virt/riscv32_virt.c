@@ -1,5 +1,6 @@
-/* Start-up, trap, tick, lock and semihosting of QEMU's riscv32 `virt` in machine mode. Registers:
- * RISC-V Privileged Architecture 1.12; timer: RISC-V ACLINT, at the addresses of QEMU's `virt`. */
+/* Start-up, trap handler, tick, lock and semihosting for the board `virt` of QEMU (riscv32) in
+ * machine mode. The registers are those of RISC-V Privileged Architecture 1.12. The timer is that
+ * of RISC-V ACLINT, at the addresses of the board `virt`. */
 
 #include "firmware/port/emulated/semihosting.h"
 #include "firmware/port/image.h"
@@ -8,7 +9,7 @@
 
 typedef volatile uint32_t reg_t;
 
-/* MTIMECMP of hart 0 and MTIME, low word first. */
+/* Timer registers MTIMECMP of hart 0 and MTIME, with the low word first. */
 #define MTIMECMP ((reg_t *)0x02004000)
 #define MTIME ((reg_t *)0x0200BFF8)
 
@@ -23,17 +24,18 @@ void reset(void);
 void start(void);
 
 static volatile uint32_t entries;
-static uint64_t due;      /* count of the next tick */
-static uint32_t fraction; /* remainder for the next tick, in 1/1500 count */
+static uint64_t due;      /* count of the timer at which the next tick is due */
+static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
 
-/* The first instructions of the image. A hart begins in machine mode with interrupts off. */
+/* The first instructions of the image. A hart (hardware thread) begins in machine mode with
+ * interrupts off. */
 __attribute__((naked, used, section(".vectors"))) void reset(void) {
   __asm volatile(
       "la sp, stack_top\n"
       "j start\n");
 }
 
-/* Handler of every trap. A trap that is not the timer's is a fault of the program. */
+/* Handler of every trap. Each trap other than the timer interrupt is a fault of the program. */
 __attribute__((interrupt("machine"), aligned(4))) static void trap(void) {
   uint32_t cause;
   __asm volatile("csrr %0, mcause" : "=r"(cause));
@@ -78,8 +80,9 @@ void port_lock(void) { __asm volatile("csrc mstatus, %0" ::"r"(MSTATUS_MIE) : "m
 
 void port_unlock(void) { __asm volatile("csrs mstatus, %0" ::"r"(MSTATUS_MIE) : "memory"); }
 
-/* A request to the host is EBREAK between two shifts without effect, none of them compressed, and
- * all in one page (RISC-V Semihosting, trap sequence). */
+/* A request to the host consists of the instruction EBREAK between two shift instructions without
+ * effect. None of the three instructions is compressed, and all are in one page (RISC-V
+ * Semihosting, trap sequence). */
 __attribute__((aligned(16))) int32_t semihosting_call(uint32_t operation, const void *argument) {
   register uint32_t a0 __asm("a0") = operation;
   register const void *a1 __asm("a1") = argument;

@@ -1,5 +1,5 @@
-/* Functions that are the same in the released image and the emulated image, except for the
- * peripherals. */
+/* Functions of the board that use no peripherals and are the same in the released image and in the
+ * emulated image. */
 
 #include "firmware/port/stm32/board.h"
 
@@ -8,7 +8,7 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/tick.h"
 
-/* Start-up does not clear this memory, so that an incident is kept over a reset. */
+/* The start-up does not clear this memory, so an incident in the memory is kept over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 static fw_config_t config;
@@ -30,7 +30,8 @@ const fw_config_t *port_config(void) {
   config.serial_number = io_serial_number();
   config.node_id = (io_node_id() == 0) ? FW_NODE_ID_BY_LSS : io_node_id();
   config.bit_rates = CAN_RATES;
-  config.dac_bits = 12; /* the chip's DAC; not used with a drive at the second CAN */
+  /* resolution of the DAC of the chip; the DAC is not used if a drive is on the second CAN */
+  config.dac_bits = 12;
   config.buses = 1;
   config.program_memory = programs_begin;
   config.program_bytes = image_bytes(programs_begin, programs_end);

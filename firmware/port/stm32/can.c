@@ -1,5 +1,5 @@
-/* A CAN line: joins the bus, leaves bus off, and buffers the received frames. can.h declares the
- * controller of the line, which the folder of the board implements. */
+/* A CAN line: its functions join the bus, leave the state bus off, and buffer the received frames.
+ * can.h declares the functions of its CAN controller. The folder of the board implements them. */
 
 #include "firmware/port/stm32/can.h"
 
@@ -9,17 +9,18 @@
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
-/* Longest time in ticks in which the CAN controller must join the bus, before the initialisation is
- * repeated: 1500 ticks (one second) plus 27 ticks at 1 Mbit/s, and more at lower bit rates. A node
- * joins the bus after 11 recessive bits. After bus off the controller waits for 128 sequences of 11
- * recessive bits (FDCAN: 129), only outside initialisation (RM0090 32.7.6, RM0440 FDCAN_PSR). On an
- * idle bus this takes 2.2 ticks at 1 Mbit/s. On a full bus each frame of at most 135 bits has only
- * one such sequence, so 128 sequences take 26 ticks at 1 Mbit/s. */
+/* Longest time in ticks in which the CAN controller must join the bus. After this time the
+ * initialisation is repeated. The time is 1500 ticks (one second) plus 27 ticks at 1 Mbit/s, and
+ * more at lower bit rates. A node joins the bus after 11 recessive bits. After bus off the
+ * controller waits for 128 sequences of 11 recessive bits (FDCAN: 129). It counts them only outside
+ * initialisation (RM0090 32.7.6, RM0440 FDCAN_PSR). On an idle bus this takes 2.2 ticks at 1
+ * Mbit/s. On a full bus each frame of at most 135 bits has only one such sequence, so 128 sequences
+ * take 26 ticks at 1 Mbit/s. */
 #define PATIENCE_TICKS UINT32_C(1500)
 #define PATIENCE_TICKS_KBIT_S UINT32_C(27000)
 
-/* Number of ticks (100 ms) after which a frame that an error passive node could not send is too
- * old. Three of the longest frames take 41 ms at 10 kbit/s. */
+/* Number of ticks (100 ms) after which a waiting frame is too old, because the node is error
+ * passive and could not send it. Three of the longest frames take 41 ms at 10 kbit/s. */
 enum { STALE_TICKS = 150 };
 
 static can_line_t bus;
@@ -53,9 +54,9 @@ void can_line_give_up(can_line_t *line) {
   }
 }
 
-/* Gives up frames that are too old. If no other node acknowledges the frames of an error passive
- * node, they stay in the controller and are given up after STALE_TICKS. Until it is empty
- * can_line_send() accepts further frames, which are lost too. */
+/* Discards frames that are too old. If no other node acknowledges the frames of an error passive
+ * node, the frames stay in the controller and are discarded after STALE_TICKS. Until the controller
+ * is empty, can_line_send() accepts more frames, and these frames are also lost. */
 static void give_up_stale(can_line_t *line) {
   if (line->reported != CAN_BUS_PASSIVE || can_controller_is_empty(line)) {
     line->stalled_ticks = 0;
@@ -126,7 +127,8 @@ uint16_t can_line_lost(can_line_t *line) {
   }
   uint16_t lost = (uint16_t)(line->dropped - line->dropped_reported);
   line->dropped_reported = (uint16_t)(line->dropped_reported + lost);
-  /* one frame is counted, because the controller does not report how many frames were lost */
+  /* Only one lost frame is counted, because the controller does not report how many frames were
+   * lost. */
   if (can_controller_lost(line)) {
     lost++;
   }
@@ -144,7 +146,8 @@ bool can_line_receive(can_line_t *line, can_frame_t *frame) {
   return true;
 }
 
-/* Reads one frame from the controller. Returns false if the controller has none. */
+/* Reads one received frame from the controller. Returns false if the controller has no received
+ * frame. */
 static bool take_one(can_line_t *line) {
   const bool has_room = (uint8_t)(line->ring_in - line->ring_out) < CAN_LINE_RING;
   can_frame_t *frame = has_room ? &line->ring[line->ring_in % CAN_LINE_RING] : NULL;

@@ -7,30 +7,32 @@
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/can.h"
 
-/* Number of frames that can wait for an empty mailbox, a power of 2. In a cycle the master sends at
- * most 6 frames: SYNC, RPDO, a heartbeat, a quick stop and an SDO request in each of two ticks. */
+/* Number of frames that can wait for an empty mailbox; it must be a power of 2. In a bus cycle the
+ * master sends at most 6 frames: SYNC, RPDO, a heartbeat, a quick stop, and an SDO request in each
+ * of two ticks. */
 enum { WAITING = 8 };
 
-/* ADC code of torque 0 with adc_bits 16. */
+/* ADC code of torque 0 if adc_bits is 16. */
 enum { TORQUE_MIDDLE = 32768 };
 
 static can_line_t line;
 static bus_drive_t drive;
 static drive402_config_t config;
 static bool is_fitted;
-static bool has_begun; /* the master has begun */
+static bool has_begun; /* true: the ticks of the master have begun */
 
 static can_frame_t waiting[WAITING];
 static volatile uint8_t waiting_in;  /* index in `waiting` that only the tick writes */
 static volatile uint8_t waiting_out; /* index in `waiting` that only the interrupt writes */
-static volatile bool is_stuck;       /* the interrupt has to discard all frames of `waiting` */
+static volatile bool is_stuck;       /* true: the interrupt must discard all frames of `waiting` */
 
 void drive_bus_start(const device_params_t *params) {
   is_fitted = bus_drive_config(params, &config);
   if (!is_fitted) {
     return;
   }
-  (void)bus_drive_init(&drive, &config); /* the master itself reports the reason of a refusal */
+  /* the master itself reports why a configuration is refused */
+  (void)bus_drive_init(&drive, &config);
   if (!io_clock_is_right()) {
     line.reported = CAN_BUS_OFF;
     return;
@@ -58,8 +60,9 @@ void drive_bus_sample(axis_inputs_t *inputs) {
   signals->drive_abort_code = feedback.abort_code;
 }
 
-/* Only the interrupt writes mailboxes, and only the tick changes the state of the line. The
- * interrupt is requested for each new frame, and comes again when a mailbox is empty. */
+/* Adds a frame to `waiting` and requests the interrupt. Only the interrupt writes mailboxes, and
+ * only the tick changes the state of the CAN line. The interrupt comes again when a mailbox is
+ * empty. */
 static void send(const can_frame_t *frame) {
   if ((uint8_t)(waiting_in - waiting_out) >= WAITING) {
     can_line_give_up(&line);
@@ -92,8 +95,9 @@ void drive_bus_interrupt(void) {
   HANDLER_END();
 }
 
-/* Writes waiting frames into empty mailboxes. Frames that wait while the controller is off the bus,
- * or behind frames that no node acknowledges, are too old when the bus works again. */
+/* Writes waiting frames into empty mailboxes. While the controller is off the bus, or while no node
+ * acknowledges its frames, the waiting frames are discarded, because they would be too old
+ * later. */
 static void fill_mailboxes(void) {
   if (is_stuck || line.state != CAN_LINE_RUNNING) {
     is_stuck = false;

@@ -1,5 +1,6 @@
-/* Replaces the peripherals that an emulator of another STM32 lacks: clocks, flash, encoder, ADC,
- * DAC, pins, watchdog. Inputs and outputs are the records of ../emulated/host_link.c. */
+/* Replaces the peripherals that an emulator of another STM32 does not have: clocks, flash, encoder,
+ * ADC, DAC, pins, watchdog. The inputs and outputs are in the records of
+ * ../emulated/host_link.c. */
 
 #include <stddef.h>
 
@@ -10,14 +11,14 @@
 
 void io_init(void) { host_link_open(); }
 
-void io_start(void) {} /* no drive and no converter */
+void io_start(void) {} /* the emulated board has no drive on a bus and no converter */
 
 bool io_clock_is_right(void) { return true; }
 
-/* Returns the count without missed ticks, because the emulator never misses a tick. */
+/* Returns a count that contains no missed ticks, because the emulator never misses a tick. */
 uint32_t clock_count(void) { return tick_entries() * TICK_COUNTS; }
 
-/* The tick by the timer of the core, because timer 4 of the emulator has another clock. */
+/* Starts the tick with the timer of the core, because timer 4 of the emulator has another clock. */
 void tick_timer_start(void) {
   SYSTICK->RVR = 2 * TICK_COUNTS - 1;
   SYSTICK->CVR = 0;
@@ -25,7 +26,7 @@ void tick_timer_start(void) {
   SYSTICK->CSR = SYSTICK_CSR_CLKSOURCE | SYSTICK_CSR_TICKINT | SYSTICK_CSR_ENABLE;
 }
 
-/* Reading CSR clears the flag. */
+/* Clears the request of the tick: a read of CSR clears its flag. */
 void tick_timer_take(void) { (void)SYSTICK->CSR; }
 
 bool tick_timer_is_due(void) { return (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0; }

@@ -3,8 +3,8 @@
 enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
 
 /* Initialises the counter of the encoder. Timer 4 captures the count at the begin of each tick. The
- * counter counts all four edges of both tracks in 32 bits. An
- * edge is counted after 8 equal samples at 84 MHz, 95 ns. */
+ * counter has 32 bits and counts all four edges of the two encoder tracks. An edge is counted after
+ * 8 equal samples at 84 MHz, which take 95 ns. */
 void encoder_init(void) {
   set_bits(CLOCK_OF_TIM5);
   pin_alternate(GPIOA, PIN_A, FUNCTION_TIM5, PIN_PULL_UP);
@@ -21,6 +21,6 @@ void encoder_init(void) {
 
 bool encoder_read(int32_t *count) {
   const bool is_captured = (TIM5->SR & TIM_SR_CC3IF) != 0;
-  *count = (int32_t)TIM5->CCR3; /* clears the flag */
+  *count = (int32_t)TIM5->CCR3; /* this read clears the capture flag */
   return is_captured;
 }

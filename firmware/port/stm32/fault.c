@@ -1,12 +1,13 @@
-/* Handles a fault of the core: switches the outputs off, keeps the data of the fault over the
- * reset, and resets the chip. */
+/* Handles a fault of the processor core: switches the outputs off, keeps the data of the fault over
+ * the reset, and resets the chip. */
 
 #include <stddef.h>
 
 #include "firmware/port/image.h"
 #include "firmware/port/stm32/board.h"
 
-/* Data of a fault that are kept over a reset. Start-up does not clear these data. */
+/* Data of a fault of the core that are kept over a reset. The start-up does not clear these
+ * data. */
 typedef struct {
   uint32_t magic;
   fw_core_fault_t words;
@@ -29,7 +30,7 @@ _Noreturn static void reset_chip(void) {
 
 /* Saves the data of a fault and resets the chip. The function runs on a new stack and does not rely
  * on the state of the interrupted program. `sp` is the address at which the core has saved its
- * registers. The saved registers are not valid if the save failed too, which CFSR shows. */
+ * registers. If CFSR shows that this save also failed, the saved registers are not valid. */
 __attribute__((noreturn, used)) void board_failed(uint32_t sp);
 
 __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
@@ -65,9 +66,9 @@ __attribute__((naked)) void board_fail(void) {
       "b board_failed\n");
 }
 
-/* Returns the kept data of a fault, or NULL. After a power-up the contents of the memory are
- * arbitrary: only before a reset by software can data of a fault have been saved. A reset after a
- * command is no cause to report. */
+/* Returns the kept data of a fault, or NULL if there was no fault. After a power-up the contents of
+ * the memory are arbitrary, so the data are valid only if software has caused the reset. A reset by
+ * board_restart() is not reported as a cause. */
 const fw_core_fault_t *board_fault_before(uint8_t *reset_cause) {
   const bool is_software = (*reset_cause & AXIS_RESET_CAUSE_SOFTWARE) != 0;
   const bool is_kept = kept.magic == KEPT_MAGIC && is_software;

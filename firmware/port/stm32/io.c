@@ -5,8 +5,8 @@
 #include "firmware/port/stm32/board.h"
 
 static bool clock_is_right;
-static uint16_t found;   /* errors found at power-up, AXIS_BOARD_STATE_ bits */
-static int16_t dac_code; /* present code of the DAC */
+static uint16_t found;   /* errors that were found at power-up, as AXIS_BOARD_STATE_ bits */
+static int16_t dac_code; /* DAC code that is output now */
 static bool is_captured; /* true: the encoder count of this tick was captured */
 
 void io_init(void) {
@@ -37,8 +37,9 @@ void io_start(void) {
   if (!spi_force_start(params)) {
     found |= AXIS_BOARD_STATE_CONVERTER;
   }
-  adc_start_one(false); /* this result is not used, because the first conversion after a pause may
-                         * be wrong */
+  /* the result of this conversion is not used, because the first conversion after a pause may be
+   * wrong */
+  adc_start_one(false);
 }
 
 bool io_clock_is_right(void) { return clock_is_right; }
@@ -51,9 +52,10 @@ void io_make_safe(void) {
 
 uint8_t io_node_id(void) { return pins_node_id(); }
 
-/* Returns a serial number, the CRC-32 of the unique 96 bits of the chip: it distinguishes two chips
- * of one production lot, also in LSS. Returns 0 without the correct clock, because an emulator
- * without the clocks also lacks the unique bits, and reading them would cause a fault. */
+/* Returns a serial number, which is the CRC-32 of the 96-bit unique ID of the chip. So two chips of
+ * one production lot have different serial numbers, also in LSS. Returns 0 if the clock is not
+ * correct: an emulator without the clocks does not have the unique ID either, and a read of it
+ * would cause a fault. */
 uint32_t io_serial_number(void) {
   if (!clock_is_right) {
     return 0;
@@ -77,7 +79,7 @@ bool port_sample(axis_inputs_t *inputs) {
   return true;
 }
 
-/* Returns the errors of the board that this tick detects, as AXIS_BOARD_STATE_ bits. */
+/* Returns the errors of the board that are detected in this tick, as AXIS_BOARD_STATE_ bits. */
 static uint16_t board_state(void) {
   supply_look();
   second_clock_tick();
