@@ -27,7 +27,8 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
 
 /* Writes a raw value to an object or executes a command, on behalf of `source`. All writes to
  * objects use this function. Call it between ticks; the write acts in the next tick. A value
- * outside the range of the object is refused; it is not limited to the range.
+ * outside the range of the object is refused; it is not limited to the range. Returns FW_OK or one
+ * of these error codes:
  *
  *   FW_ERROR_LOCKED     another source owns the axis. Exceptions: each bus may write its own number
  *                       to command_source, and the owner may write the number of canopen. Each bus
@@ -54,7 +55,7 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * in motion although its owner no longer writes. To reset the watchdog, a write of the present
  * value of an object is sufficient. Neither a soft limit nor position_setpoint is refused because
  * of the other one. So a soft limit can always be reduced, and the axis stops at a soft limit if
- * the set-point is beyond it. */
+ * the set-point is beyond it.*/
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns the result that dictionary_write() would return now, without a write. Commands are

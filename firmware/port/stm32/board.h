@@ -105,7 +105,8 @@ void second_clock_start(void);
 void second_clock_tick(void);
 /* returns the deviation of the tick length in 1/1000; positive: ticks are too long */
 int16_t second_clock_permille(void);
-uint16_t second_clock_state(void); /* AXIS_BOARD_STATE_ bits */
+/* returns the result of the comparison as AXIS_BOARD_STATE_ bits */
+uint16_t second_clock_state(void);
 
 /* supply.c: monitors the supply voltage and checks the option bytes */
 void supply_init(void);

@@ -90,8 +90,8 @@ static uint16_t board_state(void) {
                     (clock_is_right ? second_clock_state() : 0));
 }
 
-/* Checks the board and reads the ADC codes. The check is made first, while the conversions run.
- * Without the correct clock the sensors are never valid. */
+/* Checks the board and reads the ADC codes. The board is checked first, while the conversions run.
+ * If the clock is not correct, the sensors are never valid. */
 void port_sense(axis_inputs_t *inputs) {
   fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
@@ -99,8 +99,8 @@ void port_sense(axis_inputs_t *inputs) {
   /* An ADC code has 12 bits. The axis uses the upper adc_bits of the code; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
-  const uint8_t channels = drive_bus_is_fitted() ? 1 : 2; /* a drive on a bus reports its own
-                                                           * current */
+  /* a drive on a bus reports its own motor current */
+  const uint8_t channels = drive_bus_is_fitted() ? 1 : 2;
   for (uint8_t i = 0; i < channels; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }
@@ -110,10 +110,10 @@ void port_sense(axis_inputs_t *inputs) {
   inputs->sensor_valid = valid ? 1 : 0;
 }
 
-/* Gives the outputs to the amplifier for +-10 V: the amplifier is switched on only if the DAC is at
- * mid-scale, as it was set when the axis was disabled. Before the amplifier is switched off, the
- * DAC is set to mid-scale. With a drive the DAC stays there, and amp_enable can enable the drive.
- */
+/* Sets the outputs for an amplifier for +-10 V. The amplifier is switched on only if the DAC is at
+ * mid-scale; the DAC was set to mid-scale when the axis was disabled. Before the amplifier is
+ * switched off, the DAC is set to mid-scale again. If the axis has a drive on a bus, the DAC stays
+ * at mid-scale, and amp_enable can enable the drive. */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());

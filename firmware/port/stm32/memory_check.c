@@ -1,5 +1,5 @@
-/* Checks of the memories at start-up: compares the image in the flash with the CRC that tools/image
- * has appended, and tests the RAM. */
+/* Checks of the memories at start-up: the image in the flash is compared with the CRC that
+ * tools/image has appended, and the RAM is tested. */
 
 #include "firmware/port/image.h"
 #include "firmware/port/stm32/board.h"
@@ -8,15 +8,16 @@ extern const uint32_t vectors_end[];
 extern const uint32_t code_begin[];
 extern const uint32_t code_end[];
 
-/* Number of words at the end of the stack that protect.c protects from access. */
+/* Number of words at the end of the stack for which protect.c forbids every access. */
 enum { GUARD_WORDS = 8 };
 
-/* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as computed
- * by the CRC unit of the chip: polynomial 0x04C11DB7, initial value all ones, highest bit first. */
+/* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end. It is the CRC
+ * that the CRC unit of the chip computes: polynomial 0x04C11DB7, initial value all ones, highest
+ * bit first. */
 __attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
 
-/* Adds the words from `at` to `end` to the CRC, four words in each loop. Each word needs a read and
- * a write. */
+/* Adds the words from `at` to `end` to the CRC, four words in each pass of the loop. Each word
+ * needs a read and a write. */
 static void take(const uint32_t *at, const uint32_t *end) {
   for (; (uintptr_t)end - (uintptr_t)at >= 4 * sizeof(uint32_t); at += 4) {
     CRC->DR = at[0];

@@ -1,5 +1,6 @@
-/* Measures the output of the DAC and the reference of the ADC. Between two ticks one conversion is
- * made, alternately of pin PA4 and of the internal reference. */
+/* Measures the output voltage of the DAC and the internal reference of the ADC. Between two ticks
+ * one conversion is made: alternately of pin PA4, which the DAC drives, and of the internal
+ * reference. */
 
 #include "firmware/port/stm32/board.h"
 
@@ -12,8 +13,8 @@ enum { DAC_MAX = 64, MID_SCALE = 2048 };
  * within CALIBRATION_MIN..CALIBRATION_MAX. */
 enum { REFERENCE_CODE = 1502, CALIBRATION_MIN = 1300, CALIBRATION_MAX = 1700 };
 
-/* Number of consecutive measurements in which an error must occur, so that a single disturbed
- * measurement is ignored. */
+/* An error counts only if it occurs in this number of consecutive measurements. So a single
+ * disturbed measurement is ignored. */
 enum { IN_A_ROW = 2 };
 
 static uint8_t dac_wrong;
@@ -35,16 +36,16 @@ static bool differs(int32_t value, int32_t wanted, int32_t most) {
   return value - wanted > most || wanted - value > most;
 }
 
-/* Returns the ADC code of the pin for a DAC code; an output buffer does not reach the ends of the
- * range. */
+/* Returns the ADC code that pin PA4 should have for the DAC code `code`. The output buffer of a DAC
+ * may not reach the ends of the range. */
 static int32_t reachable(int32_t code) {
   const int32_t above = (code < DAC_REACH_MIN) ? DAC_REACH_MIN : code;
   return (above > DAC_REACH_MAX) ? DAC_REACH_MAX : above;
 }
 
-/* Reads the calibration of the internal reference. Call this function only with the correct clock:
- * an emulator without the clocks also lacks the calibration, and reading the calibration would
- * cause a fault. */
+/* Reads the calibration of the internal reference. Call this function only if the clock is correct.
+ * An emulator without the clocks does not have the calibration either, and a read of it would cause
+ * a fault. */
 void monitor_init(void) {
   const int32_t code = reference_at_3_3_v(*(const volatile uint16_t *)VREFINT_CAL_BASE);
   if (code >= CALIBRATION_MIN && code <= CALIBRATION_MAX) {
@@ -59,8 +60,8 @@ void monitor_start(int16_t code) {
   adc_start_one(is_reference);
 }
 
-/* Evaluates the last conversion, which has had nearly a tick of time. Call this function before the
- * conversions of the next tick. */
+/* Evaluates the last conversion. Call this function before the conversions of the next tick, so
+ * that the conversion has had the time of nearly one tick. */
 void monitor_look(void) {
   if (!is_started) {
     return;

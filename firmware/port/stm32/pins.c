@@ -6,38 +6,39 @@
  * while the chip is in reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
-/* Number of digital outputs: pins of DIGITAL_PORT, from DIGITAL_FIRST on. A pull-down resistor of
- * the board keeps each output low while the chip is in reset. */
+/* Number of digital outputs. They are pins of DIGITAL_PORT, beginning with pin DIGITAL_FIRST. A
+ * pull-down resistor of the board keeps each output low while the chip is in reset. */
 enum { DIGITALS = 4 };
 
 /* Pin number of an option of the board on port C. If this pin is connected to ground, amp_enable is
  * a square wave of 750 Hz while the axis is enabled. The square wave is for a charge pump or a
- * monostable, which a constant level does not keep on. */
+ * monostable: these circuits switch off when the level is constant. */
 enum { STRAP_DYNAMIC = 10 };
 
 /* Pins of the encoder tracks A and B on port A. */
 #define TRACKS (BIT(0) | BIT(1))
 
-/* Largest number of index edges that are processed between two ticks, so that noise cannot use more
- * computing time. */
+/* Largest number of edges of the index input that are processed between two ticks. So noise at this
+ * input cannot use more computing time. */
 enum { EDGES_MAX = 4 };
 
 static bool is_dynamic;
 static volatile bool is_high; /* last level of the output amp_enable */
-/* number of index pulses, modulo 256, which only the interrupt writes, and its value in the last
- * tick */
+/* `pulses`: number of index pulses, modulo 256; only the interrupt writes it. `pulses_seen`: its
+ * value in the last tick */
 static volatile uint8_t pulses;
 static uint8_t pulses_seen;
-/* number of edges since the last tick */
+/* number of edges of the index input since the last tick */
 static volatile uint8_t edges;
 
-/* Pin numbers of the inputs on port C. Enable chain and limit switches are closed contacts to 3.3 V
- * with pull-down resistors, so a broken wire reads as an open chain or as an active switch. The
- * inputs of index and home switch are high when they are active. */
+/* Pin numbers of the inputs on port C. The enable chain and the limit switches are normally closed
+ * contacts to 3.3 V with pull-down resistors. So a broken wire reads as an open enable chain or as
+ * an active limit switch. The inputs of the index and of the home switch are high when they are
+ * active. */
 enum { ENABLE = 0, LIMIT_POS = 1, LIMIT_NEG = 2, INDEX = 3, HOME = 9 };
 
-/* Pins of the node id straps on port C. A strap that is connected to ground is a bit with the value
- * 1. */
+/* Pins of the node id straps on port C. A strap that is connected to ground is a bit of the node id
+ * with the value 1. */
 enum { STRAP_FIRST = 4, STRAPS = 5 };
 
 static void set_field(reg_t *reg, uint32_t at, uint32_t width, uint32_t value) {
@@ -68,7 +69,7 @@ void pins_write(bool amp_enable, bool brake_release) {
 }
 
 void pins_write_digital(uint8_t levels) {
-  /* A bit that BSRR sets and clears at the same time is set. */
+  /* If a write to BSRR sets and clears a pin at the same time, the pin is set. */
   DIGITAL_PORT->BSRR = MASK(DIGITAL_FIRST + 16, DIGITALS) | FIELD(DIGITAL_FIRST, DIGITALS, levels);
 }
 
@@ -90,10 +91,11 @@ static void index_init(void) {
 
 /* Detects an index pulse. A true index pulse lasts as long as A and B are both high, so the index
  * input is still high here. A noise spike has already ended. After EDGES_MAX edges the interrupt is
- * disabled until the next tick, by a register in which writing 0 has no effect: the mask of the
- * external interrupts belongs to several lines, and is written at power-up only. */
+ * disabled until the next tick. This is done with a register of the core in which a write of 0 has
+ * no effect. The mask of the external interrupts is not used for this, because it belongs to
+ * several lines and is written only at power-up. */
 void index_interrupt(void) {
-  LINES_PENDING = LINE_OF_INDEX; /* writing 1 clears it */
+  LINES_PENDING = LINE_OF_INDEX; /* a write of 1 clears the pending bit */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
     pulses++;
   }
@@ -104,8 +106,9 @@ void index_interrupt(void) {
   HANDLER_END();
 }
 
-/* Returns true if there was an index pulse since the last call. The interrupt may come between any
- * two instructions: a pulse that is counted after the read is seen in the next tick. */
+/* Returns true if there was an index pulse since the last call. The interrupt may occur between any
+ * two instructions. A pulse that is counted after the read of the number is reported in the next
+ * tick. */
 static bool index_was_seen(void) {
   const uint8_t now = pulses;
   const bool seen = now != pulses_seen;
@@ -134,7 +137,8 @@ void pins_init(void) {
   pin_mode(GPIOC, STRAP_DYNAMIC, PIN_INPUT, PIN_PULL_UP);
 }
 
-/* Call this function when the pull-up resistors have had time to act. */
+/* Reads the options of the board. Call this function only when the pull-up resistors have had time
+ * to act. */
 void pins_read_options(void) { is_dynamic = (GPIOC->IDR & BIT(STRAP_DYNAMIC)) == 0; }
 
 uint8_t pins_din(void) {

@@ -1,4 +1,5 @@
-/* Memory protection: an access to memory outside its purpose causes a fault. */
+/* Memory protection: an access for which a part of the memory is not intended causes a fault of the
+ * core. */
 
 #include "firmware/port/stm32/board.h"
 
@@ -10,11 +11,13 @@ typedef struct {
 /* Protected regions of the memory. If regions overlap, the region with the higher number has
  * priority. Memory outside all regions is not protected. */
 static const region_t regions[] = {
-    /* Memory below the flash: no access, because it has no use and null pointers point to it. */
+    /* Memory below the flash: no access is permitted, because the memory has no use and null
+     * pointers point to it. */
     {0x00000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(27) | MPU_RASR_ENABLE},
-    /* Flash: reading and executing only. */
+    /* Flash: only reading and executing are permitted. */
     {0x08000000, MPU_RASR_AP_READ | MPU_RASR_C | MPU_RASR_SIZE(19) | MPU_RASR_ENABLE},
-    /* Bottom of the RAM: no access, because a stack that is too large grows into this region. */
+    /* Bottom of the RAM: no access is permitted, because a stack that is too large grows into this
+     * region. */
     {0x20000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(5) | MPU_RASR_ENABLE},
 };
 

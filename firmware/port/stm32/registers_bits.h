@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #define BIT(n) (UINT32_C(1) << (n))
-/* Places `value` into the field of `width` bits that begins at bit `at`. */
+/* Word in which the field of `width` bits that begins at bit `at` has the value `value`. */
 #define FIELD(at, width, value) ((uint32_t)(value) << (at))
 #define MASK(at, width) (((UINT32_C(1) << (width)) - 1u) << (at))
 

@@ -1,13 +1,13 @@
 #ifndef FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
 #define FIRMWARE_PORT_STM32_REGISTERS_CORE_H_
 
-/* Registers of the processor core and of its debug unit. The registers.h of a chip has all
- * others. */
+/* Registers of the processor core and of its debug unit. All other registers are in the file
+ * registers.h of each chip. */
 
 #include "firmware/port/stm32/registers_bits.h"
 
-/* Debug register DBGMCU: selects the peripherals that stop when a debugger stops the core. Only a
- * power-up resets this register. */
+/* Debug unit DBGMCU: its registers select the peripherals that stop when a debugger stops the core.
+ * Only a power-up resets these registers. */
 
 typedef struct {
   reg_t IDCODE;
@@ -17,7 +17,7 @@ typedef struct {
 #define DBGMCU_BASE 0xE0042000
 #define DBGMCU ((dbgmcu_t *)DBGMCU_BASE)
 
-/* The core: ARMv7-M. */
+/* Registers of the processor core, ARMv7-M. */
 
 typedef struct {
   reg_t CSR;
@@ -93,8 +93,8 @@ typedef struct {
 #define SCB_CFSR_MSTKERR BIT(4)
 #define SCB_CFSR_STKERR BIT(12)
 
-/* Memory protection: if several regions contain an address, the region with the highest number
- * applies. */
+/* Registers of the memory protection. If several regions contain an address, the region with the
+ * highest number applies. */
 typedef struct {
   reg_t TYPE;
   reg_t CTRL;
@@ -108,9 +108,9 @@ typedef struct {
 #define MPU_CTRL_ENABLE BIT(0)
 #define MPU_CTRL_PRIVDEFENA BIT(2)
 #define MPU_RASR_ENABLE BIT(0)
-/* A region has 2^n bytes. */
+/* A region of the memory protection has 2^n bytes. */
 #define MPU_RASR_SIZE(n) FIELD(1, 5, (n)-1)
-/* Excluded eighths of a region, one bit for each eighth. */
+/* Eighths of a region that are excluded from it, one bit for each eighth. */
 #define MPU_RASR_SRD(eighths) FIELD(8, 8, eighths)
 #define MPU_RASR_C BIT(17)
 #define MPU_RASR_AP_NONE FIELD(24, 3, 0)

@@ -17,8 +17,8 @@ typedef struct {
 static ring_t received;
 static ring_t to_send;
 
-/* Format of a character: 8 data bits and even parity. The register counts the parity bit as a ninth
- * data bit. */
+/* Format of a character on the serial line: 8 data bits and even parity. The register counts the
+ * parity bit as a ninth data bit. */
 #define LINE \
   (USART_CR1_UE | SERIAL_NINE_BITS | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
 
@@ -57,7 +57,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & SERIAL_SENT) != 0) {
-    /* The main loop, which this interrupt has interrupted, may have added bytes to the ring
+    /* This interrupt may have interrupted the main loop, which may have added bytes to the ring
      * buffer. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;

@@ -21,8 +21,8 @@ typedef void (*handler_t)(void);
 
 enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
 
-/* Table of interrupt vectors. A vector with the value 0 belongs to an interrupt that is never
- * enabled; if this interrupt occurs, the core has a fault. */
+/* Table of interrupt vectors. The vector of an interrupt that is never enabled is 0. If such an
+ * interrupt occurs, this causes a fault of the core. */
 typedef struct {
   uint32_t *stack;
   handler_t handlers[EXCEPTION_IRQ + IRQ_LAST];
@@ -36,7 +36,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, CHIP_RESET),
             HANDLER(2, CHIP_NMI),
-            /* hard fault, and all faults that have no enabled handler of their own */
+            /* hard fault, and all faults whose own handler is not enabled */
             HANDLER(3, board_fail),
             HANDLER(4, board_fail),
             HANDLER(5, board_fail),
@@ -44,7 +44,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
             HANDLER(11, board_fail),
             HANDLER(12, board_fail),
             HANDLER(14, board_fail),
-            HANDLER(EXCEPTION_SYSTICK, tick_interrupt), /* only the emulator */
+            HANDLER(EXCEPTION_SYSTICK, tick_interrupt), /* used only in the emulator */
             CHIP_INTERRUPTS,
         },
 };

@@ -5,14 +5,17 @@
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
-/* 1/84 and 1/16 in Q16: clock_count() has 84 counts in 1 us, or 16 with the core at 16 MHz. */
+/* Number of us per count of clock_count(), in Q16: 1/84, or 1/16 if the core runs at 16 MHz. */
 enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };
 
 static volatile uint32_t entries;
 static int32_t us_q16;
-static uint32_t longest; /* longest tick, and greatest delay of a tick, in counts */
+/* `longest`: duration of the longest tick; `latest`: greatest delay of a tick; both in counts of
+ * clock_count() */
+static uint32_t longest;
 static uint32_t latest;
-static uint32_t due; /* count at which the present tick was due, or a slightly smaller count */
+/* count of clock_count() at which the present tick was due, or a slightly smaller count */
+static uint32_t due;
 static uint32_t missed;
 static bool is_late;
 
@@ -24,8 +27,8 @@ void tick_start(void) {
 
 uint32_t tick_entries(void) { return entries; }
 
-/* Adds the ticks that did not run to `missed`. A delayed interrupt occurs only once, even if
- * several ticks have passed. */
+/* Adds the ticks that did not run to `missed`. If the interrupt is delayed, it occurs only once,
+ * even if several ticks have passed. */
 static void count_missed(uint32_t now) {
   due += TICK_COUNTS;
   const uint32_t behind = now - due;
@@ -36,13 +39,13 @@ static void count_missed(uint32_t now) {
   }
 }
 
-/* Converts counts of clock_count(), at most one tick, to us. */
+/* Converts a time of at most one tick from counts of clock_count() to us. */
 static uint16_t us_of(uint32_t counts) {
   const uint32_t most = (counts < TICK_COUNTS) ? counts : TICK_COUNTS;
   return (uint16_t)fx_round_q16((int32_t)most * us_q16);
 }
 
-/* Runs a tick. If the timer is due again at the end of the tick, the next tick is late. */
+/* Computes a tick. If the timer is due again at the end of this tick, the next tick is late. */
 void tick_interrupt(void) {
   entries++;
   tick_timer_take();

@@ -1,7 +1,7 @@
-/* The tick by timer 4, and the free-running counter, timer 2. Each overflow of the timer is its
- * trigger output, which starts the conversions of the ADC (adc.c) and captures the count of the
- * encoder (encoder.c) without any instruction. So the moment of the measurement does not depend on
- * the code that delays the interrupt. */
+/* The timer of the tick, which is timer 4, and the free-running counter, which is timer 2. Each
+ * overflow of timer 4 gives a trigger. This trigger starts the conversions of the ADC (adc.c) and
+ * captures the count of the encoder (encoder.c) without any instruction. So the time of the
+ * measurement does not depend on code that delays the interrupt. */
 
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
@@ -20,8 +20,8 @@ void tick_timer_take(void) { TIM4->SR = 0; }
 
 bool tick_timer_is_due(void) { return (TIM4->SR & TIM_SR_UIF) != 0; }
 
-/* Starts the free-running counter. The counter has twice the clock frequency of APB1 if APB1 is
- * divided. */
+/* Starts the free-running counter. If the clock of APB1 is divided, the counter runs at twice the
+ * clock frequency of APB1. */
 void clock_counter_start(void) {
   set_bits(CLOCK_OF_TIM2);
   TIM2->ARR = UINT32_MAX;

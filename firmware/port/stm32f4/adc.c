@@ -1,20 +1,22 @@
 #include "firmware/port/stm32/board.h"
 
-/* Channels of the ADC: channel 6 measures the force on pin PA6, and channel 7 the motor current on
- * PA7. Channel 4 measures pin PA4, which the DAC drives. */
+/* Pins of the ADC on port A. Channel 6 measures the force on pin PA6, and channel 7 measures the
+ * motor current on pin PA7. Channel 4 measures pin PA4, which the DAC drives. */
 enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
 
-/* COUNTS_MAX limits the wait for a result to 5 us, 420 counts of the free-running counter. Two
- * conversions together take 2 x (28 + 12) cycles of 21 MHz, 3.8 us; 28 sampling cycles are enough
- * for a source resistance of 13 kOhm. Each poll makes eight reads over the peripheral bus, at 6 to
- * 9 cycles of the core each, so that the wait executes few instructions. */
+/* COUNTS_MAX limits the wait for a result to 5 us, which are 420 counts of the free-running
+ * counter. Two conversions together take 2 x (28 + 12) cycles of 21 MHz, which are 3.8 us. 28
+ * sampling cycles are enough for a source resistance of 13 kOhm. Each poll makes eight reads over
+ * the peripheral bus. Each read takes 6 to 9 cycles of the core, so few instructions are executed
+ * during the wait. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
-/* Counts after the begin of a tick in which the conversions of the tick cannot end: they take 320
- * counts. */
+/* COUNTS_MIN: number of counts after the begin of a tick in which the conversions of this tick
+ * cannot end yet. They take 320 counts. */
 enum { COUNTS_MIN = 250, STABLE_COUNTS = 3 * (CLOCK_APB1_HZ / 500000) };
 
-/* The timer of the tick starts the two conversions of the injected group. */
+/* Setting of the ADC with which the timer of the tick starts the two conversions of the injected
+ * group. */
 #define ON (ADC_CR2_ADON | ADC_CR2_JEXTEN_RISING | ADC_CR2_JEXTSEL_TIM4_TRGO)
 
 static uint32_t begun;
@@ -30,19 +32,20 @@ void adc_init(void) {
   /* The internal reference needs a sampling time of 10 us; 480 cycles are 23 us. */
   ADC1->SMPR1 = ADC_SMPR1_SMP17_480;
   ADC1->SMPR2 = ADC_SMPR2_SMP4_480 | ADC_SMPR2_SMP6_28 | ADC_SMPR2_SMP7_28;
-  ADC1->SQR1 = 0; /* a group of one */
-  /* A group of two conversions uses the last two of the four entries in JSQR. */
+  ADC1->SQR1 = 0; /* the regular group has one conversion */
+  /* If the injected group has two conversions, they use the last two of the four entries in
+   * JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;
   ADC1->CR2 = ON;
-  /* The ADC is stable 3 us after it was switched on; until then no conversion may be started
-   * (RM0390 13.3.6). */
+  /* The ADC is stable 3 us after it was switched on. No conversion may be started before (RM0390
+   * 13.3.6). */
   const uint32_t begin = clock_count();
   while (clock_count() - begin < STABLE_COUNTS) {
   }
 }
 
-/* Clears a result that was too late for the last tick. The results of this tick are not there yet
- * while the timer of the tick has few counts. */
+/* Clears a result that was too late for the last tick. While the count of the timer of the tick is
+ * below COUNTS_MIN, it cannot be a result of this tick. */
 void adc_begin(void) {
   begun = TIM2->CNT;
   if (TIM4->CNT < COUNTS_MIN) {
@@ -71,8 +74,8 @@ bool adc_read(uint16_t codes[2]) {
   return false;
 }
 
-/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
- * the flags of the tick that ends. */
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Also
+ * clears the flags of the conversions in the tick that ends. */
 void adc_start_one(bool of_reference) {
   ADC1->SR = 0;
   ADC1->SQR3 = of_reference ? ADC_SQR3_SQ1_17 : ADC_SQR3_SQ1_4;

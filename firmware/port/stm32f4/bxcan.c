@@ -1,4 +1,4 @@
-/* The CAN controllers of the chip, bxCAN (firmware/port/stm32/can.h). */
+/* The functions of firmware/port/stm32/can.h for the CAN controllers of this chip (bxCAN). */
 
 #include <stddef.h>
 
@@ -9,17 +9,18 @@ enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };
 enum { DRIVE_PIN_RX = 5, DRIVE_PIN_TX = 6, FUNCTION_CAN2 = 9 };
 
 /* Bit timing of CAN. A bit has 14 quanta; at 1000 kbit/s a quantum is 3 cycles of 42 MHz. With an
- * external clock the sample point is after 12 quanta, at 86 % of the bit (CiA 301: 87.5 %): the
- * clocks of two nodes may then differ by 1.1 %, far more than crystals do. The internal oscillator
- * has an error of 1 % and needs three quanta for resynchronisation after the sample point: the
- * sample point is at 79 %, and a node with a crystal may differ by 1.7 %. */
+ * external clock the sample point is after 12 quanta, at 86 % of the bit (CiA 301: 87.5 %). The
+ * clocks of two nodes may then differ by 1.1 %, which is far more than the difference of two
+ * crystals. The internal oscillator has an error of 1 %, so three quanta for resynchronisation are
+ * needed after the sample point. Its sample point is at 79 %, and the clock of a node with a
+ * crystal may differ by 1.7 %. */
 #define QUANTA 14u
 #define BIT_TIMING (CAN_BTR_TS1_11 | CAN_BTR_TS2_2 | CAN_BTR_SJW_2)
 #define BIT_TIMING_INTERNAL (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
-/* Mode of the CAN controller: it sends frames in the order of their arrival, keeps the received
- * frames of a full FIFO, repeats a failed frame, does not return from bus off by itself, and does
- * not sleep. */
+/* Mode of the CAN controller. It sends frames in the order in which they were written to the
+ * mailboxes, and repeats a failed frame. If the FIFO is full, the received frames in the FIFO are
+ * kept. The controller does not leave bus off by itself, and does not sleep. */
 #define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
 
 static uint32_t prescaler_of(uint16_t kbit_s) { return CLOCK_APB1_HZ / (QUANTA * 1000u * kbit_s); }
@@ -37,8 +38,8 @@ void can_controller_join(can_line_t *line) {
   line->registers->MCR = MODE;
 }
 
-/* Bus off needs 128 sequences of 11 recessive bits: the first sequence ends the initialisation, the
- * last one ends bus off. */
+/* Returns true if the controller has joined the bus. After bus off it must see 128 sequences of 11
+ * recessive bits: the first sequence ends the initialisation, and the last one ends bus off. */
 bool can_controller_has_joined(const can_line_t *line) {
   return (line->registers->MSR & CAN_MSR_INAK) == 0 && (line->registers->ESR & CAN_ESR_BOFF) == 0;
 }
@@ -51,9 +52,9 @@ uint8_t can_controller_bus(const can_line_t *line) {
   return ((errors & CAN_ESR_EPVF) != 0) ? CAN_BUS_PASSIVE : CAN_BUS_ACTIVE;
 }
 
-/* Sets the filters of both controllers. The first filter of each accepts every frame with an 11-bit
- * identifier into its FIFO 0. While filters are set no controller receives, so this is done once.
- */
+/* Sets the filters of both CAN controllers. The first filter of each controller puts every frame
+ * with an 11-bit identifier into FIFO 0 of the controller. While filters are set neither controller
+ * receives, so they are set only once. */
 static void set_filters(void) {
   const uint32_t scale = CAN_FS1R_FSC0 | CAN_FS1R_FSC14;
   const uint32_t active = CAN_FA1R_FACT0 | CAN_FA1R_FACT14;
@@ -128,14 +129,14 @@ bool can_controller_take(can_line_t *line, can_frame_t *frame) {
     const uint32_t length = line->registers->RDT0R & CAN_RDT0R_DLC;
     frame->id = (uint16_t)(line->registers->RI0R >> 21);
     frame->remote = ((line->registers->RI0R & CAN_RI0R_RTR) != 0) ? 1 : 0;
-    /* CAN permits a length code above 8, which means 8 bytes. */
+    /* CAN permits a length code above 8. Such a code means 8 bytes. */
     frame->length = (uint8_t)((length > 8) ? 8 : length);
     unpack(&frame->data[0], line->registers->RDL0R);
     unpack(&frame->data[4], line->registers->RDH0R);
   }
   line->registers->RF0R = CAN_RF0R_RFOM0;
-  /* Wait until the FIFO has released the frame that was read. Before the release, the FIFO would
-   * show this frame again. */
+  /* Waits until the FIFO has released the frame that was read. Before that, the FIFO would show the
+   * same frame again. */
   for (uint8_t polls = 0; polls < 8 && (line->registers->RF0R & CAN_RF0R_RFOM0) != 0; polls++) {
   }
   return true;
@@ -160,5 +161,6 @@ bool can_controller_send(can_line_t *line, const can_frame_t *frame) {
 }
 
 void can_controller_note_sent(can_line_t *line) {
-  line->registers->TSR = CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2; /* writing 1 clears */
+  /* a write of 1 clears each of these bits */
+  line->registers->TSR = CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2;
 }

@@ -1,15 +1,15 @@
 #ifndef FIRMWARE_PORT_STM32F4_CHIP_H_
 #define FIRMWARE_PORT_STM32F4_CHIP_H_
 
-/* Facts about this chip for the files of ../stm32: registers that differ from those of other chips,
- * and the use of the pins. */
+/* Properties of this chip for the files in ../stm32: registers that other chips do not have in the
+ * same form, and the use of the pins. */
 
 #include "firmware/port/stm32f4/registers.h"
 #include "firmware/storage/record.h"
 
 #define CHIP_HARDWARE "stm32f446"
 
-/* Clocks of peripherals and other enables, for set_bits(). */
+/* Arguments of set_bits() that enable the clocks of peripherals or other functions. */
 #define CLOCK_OF_PORTS \
   &RCC->AHB1ENR, RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN
 #define CLOCK_OF_CRC &RCC->AHB1ENR, RCC_AHB1ENR_CRCEN
@@ -21,13 +21,13 @@
 #define CLOCK_OF_SYSCFG &RCC->APB2ENR, RCC_APB2ENR_SYSCFGEN
 #define ACCESS_OF_BACKUP &PWR->CR, PWR_CR_DBP
 
-/* Numbers of the external interrupt lines of the inputs. */
+/* Registers and numbers of the external interrupt lines of the inputs. */
 #define LINES_ENABLED EXTI->IMR
 #define LINES_RISING EXTI->RTSR
 #define LINES_PENDING EXTI->PR
 #define LINE_OF_INDEX EXTI_IMR_MR3
 
-/* The internal trigger of timer 5 that is the trigger output of timer 4. */
+/* Setting of timer 5: its internal trigger is the trigger output of timer 4. */
 #define TRIGGER_OF_TICK TIM_SMCR_TS_ITR2
 
 /* The register that starts the initialisation of the real-time clock. */
@@ -35,10 +35,10 @@
 #define RTC_INITIALISATION_INIT RTC_ISR_INIT
 #define RTC_INITIALISATION_INITF RTC_ISR_INITF
 
-/* Sets the CRC unit to its initial value. */
+/* Bit that sets the CRC unit to its initial value. */
 #define CRC_RESTART CRC_CR_CR
 
-/* The serial line. */
+/* Registers and bits of the serial line. */
 #define SERIAL_STATUS USART2->SR
 #define SERIAL_OUT USART2->DR
 #define SERIAL_OVERRUN USART_SR_ORE
@@ -50,42 +50,44 @@
 /* Returns the received byte. Reading the byte also clears an overrun. */
 static inline uint8_t serial_take(void) { return (uint8_t)USART2->DR; }
 
-/* Pin number of the driver enable of an RS-485 transceiver on port B. The pin is high from the
- * first bit to the last bit of a transmission. */
+/* Pin number, on port B, of the output `driver enable` for an RS-485 transceiver. The pin is high
+ * from the first bit to the last bit of a transmission. */
 enum { PIN_RS485 = 12 };
 
 /* Digital outputs 1 to 4 are pins PA8 to PA11. */
 #define DIGITAL_PORT GPIOA
 enum { DIGITAL_FIRST = 8 };
 
-/* Without its output buffer the DAC reaches both ends of its range. */
+/* Smallest and largest DAC code that the output reaches. Without its output buffer the DAC reaches
+ * both ends of its range. */
 enum { DAC_REACH_MIN = 0, DAC_REACH_MAX = 4095 };
 
-/* The code of the internal reference is stored for a supply of 3.3 V. */
+/* Converts the stored ADC code of the internal reference to a supply voltage of 3.3 V. This chip
+ * stores the code for 3.3 V. */
 static inline int32_t reference_at_3_3_v(int32_t stored_code) { return stored_code; }
 
-/* Begins and size of the slots for images in the flash. The linker script has the same addresses.
- */
+/* Addresses and size of the slots for images in the flash. The linker script has the same
+ * addresses. */
 #define BOARD_SLOT_A UINT32_C(0x08020000)
 #define BOARD_SLOT_B UINT32_C(0x08040000)
 enum { BOARD_SLOT_BYTES = 0x20000 };
 
-/* The flash has no error correction. */
+/* Returns 0, because the flash of this chip has no error correction. */
 static inline uint16_t flash_corrected(void) { return 0; }
 
-/* flash.c: memory of the slots; NULL if there is none. */
+/* flash.c: returns the memory of the slots for images, or NULL if there are no slots. */
 const store_memory_t *flash_slots(void);
 
-/* The CAN controllers. The interrupt of frames that were sent can be requested by the program. */
+/* CAN controllers. The program can also request the interrupt of sent frames itself. */
 typedef can_t can_controller_t;
 #define CAN_OF_AXIS CAN1
 #define CAN_OF_DRIVE CAN2
 static inline void request_sent_interrupt(void) { NVIC->ISPR1 = BIT(IRQ_CAN2_TX - 32); }
 
-/* Handlers of startup.c. */
+/* Interrupt handlers for the vectors in startup.c. */
 enum { IRQ_LAST = IRQ_CAN2_RX0 };
 #define CHIP_RESET reset
-#define CHIP_NMI board_fail /* the clock security system */
+#define CHIP_NMI board_fail /* the NMI comes from the clock security system */
 #define CHIP_INTERRUPTS                                                    \
   HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),                      \
       HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),                 \

@@ -3,10 +3,10 @@
 enum { MID_SCALE = 2048, PIN = 4 };
 
 /* Initialises the DAC without its output buffer. Without the buffer the DAC reaches both ends of
- * its range, but has an output resistance of 15 kOhm, so the pin must have no load. While
- * amp_enable is low, the analog switch of the board gives mid-scale instead of the pin. The pin is
- * set to analog before the DAC drives it, and the DAC is set to mid-scale before it is enabled.
- * Without a trigger a DAC code is output one cycle of APB1 after it is written. */
+ * its range. Its output resistance is then 15 kOhm, so the pin must have no load. While amp_enable
+ * is low, the analog switch of the board outputs mid-scale instead of the voltage of the pin. The
+ * pin is set to analog before the DAC drives it, and the DAC is set to mid-scale before it is
+ * enabled. No trigger is used, so a DAC code is output one cycle of APB1 after it was written. */
 void dac_init(void) {
   set_bits(&RCC->APB1ENR, RCC_APB1ENR_DACEN);
   DAC->DHR12R1 = MID_SCALE;

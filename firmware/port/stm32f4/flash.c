@@ -3,11 +3,11 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/board.h"
 
-/* Two sectors of the flash, which the linker script keeps free of code. */
+/* Two sectors of the flash. The linker script keeps them free of code. */
 typedef struct {
-  uint32_t bytes; /* used bytes of each sector */
+  uint32_t bytes; /* number of bytes that are used of each sector */
   uint32_t base[2];
-  uint32_t erase[2]; /* FLASH_CR_SNB_ */
+  uint32_t erase[2]; /* for each sector, its number in the register CR, FLASH_CR_SNB_ */
 } sectors_t;
 
 static const sectors_t store = {
@@ -19,7 +19,7 @@ static const sectors_t slots = {
 
 static const sectors_t *sectors_of(const void *context) { return context; }
 
-/* Returns the place in the flash of an address of two sectors. */
+/* Converts an address within two sectors to an address of the flash. */
 static uint32_t place_of(const void *context, uint32_t address) {
   const sectors_t *sectors = sectors_of(context);
   return (address < sectors->bytes) ? sectors->base[0] + address
@@ -30,13 +30,13 @@ static uint32_t place_of(const void *context, uint32_t address) {
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR | \
    FLASH_SR_RDERR)
 
-/* If the flash never becomes ready, the watchdog resets the chip, because a busy flash stalls
- * instruction fetches and writes to the register CR (RM0390 3.5, 3.8.5). The drive is disabled and
- * the outputs are off at this time. */
+/* A busy flash stalls instruction fetches and writes to the register CR (RM0390 3.5, 3.8.5). So if
+ * the flash never becomes ready, the watchdog resets the chip. The drive is disabled and the
+ * outputs are off at this time. */
 
-/* Largest number of polls of an erase, and number of loops in a poll; a poll takes about 1000
- * cycles of the core. An erase of 16 KiB takes 250 ms, at most 800 ms. An erase of 128 KiB takes 1
- * s, at most 2 s. */
+/* Largest number of polls during an erase, and number of loops in each poll. A poll takes about
+ * 1000 cycles of the core. An erase of 16 KiB typically takes 250 ms, and at most 800 ms. An erase
+ * of 128 KiB typically takes 1 s, and at most 2 s. */
 enum { ERASE_POLLS_MAX = 420000, ERASE_POLL_LOOPS = 50 };
 
 /* Waits until the flash is ready. Call this function before a write to CR, because such a write
@@ -50,7 +50,7 @@ static void unlock(void) {
   await_ready();
   FLASH->KEYR = FLASH_KEY1;
   FLASH->KEYR = FLASH_KEY2;
-  /* Writing 1 clears an error bit of SR. */
+  /* A write of 1 clears an error bit of SR. */
   FLASH->SR = ERRORS;
 }
 
@@ -65,7 +65,8 @@ static void unpack(uint8_t *bytes, uint32_t word) {
 
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   address = place_of(context, address);
-  /* Most reads are complete words at aligned addresses, so a word is read at a time. */
+  /* Most reads are complete words at aligned addresses, so whole words are read as far as
+   * possible. */
   while (count >= 4 && (address & 3u) == 0) {
     const uint32_t word = *(const volatile uint32_t *)address;
     unpack(bytes, word);
@@ -81,7 +82,7 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
 static bool program_word(uint32_t address, uint32_t word) {
   *(volatile uint32_t *)address = word;
   __asm volatile("dsb" ::: "memory");
-  await_ready(); /* at most 100 us */
+  await_ready(); /* this takes at most 100 us */
   return (FLASH->SR & ERRORS) == 0;
 }
 
@@ -99,16 +100,16 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
   return done;
 }
 
-/* Erases a sector. The function is in RAM, because an instruction fetch from the flash stalls the
- * core during an erase, which lasts longer than the watchdog time. The drive is disabled. The
- * function masks interrupts, and feeds the watchdog instead of the ticks. If an erase does not end
- * within ERASE_POLLS_MAX polls, the function returns to the flash, where the core stalls and the
+/* Erases a sector. The function is in RAM, because during an erase an instruction fetch from the
+ * flash stalls the core, and an erase lasts longer than the watchdog time. The drive is disabled.
+ * The function masks interrupts, so it feeds the watchdog itself. If an erase does not end within
+ * ERASE_POLLS_MAX polls, the function returns to code in the flash. There the core stalls, and the
  * watchdog resets the chip. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;
   __asm volatile("cpsid i" ::: "memory");
-  /* RM0390 3.6.3: sector and mode are written first; the start bit is written separately. */
+  /* First the sector and the mode are written, and then the start bit separately (RM0390 3.6.3). */
   FLASH->CR = control;
   FLASH->CR = control | FLASH_CR_STRT;
   __asm volatile("dsb" ::: "memory");
@@ -123,8 +124,8 @@ __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_fro
   return done;
 }
 
-/* Empties the data cache, which may contain erased data. The cache can be emptied only while it is
- * off. */
+/* Empties the data cache, because it may still contain data that were erased. The cache can be
+ * emptied only while it is off. */
 static void empty_cache(void) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;

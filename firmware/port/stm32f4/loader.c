@@ -1,6 +1,6 @@
-/* The loader, a program of its own at the begin of the flash. A reset starts it; it starts the
- * image that slots_choose() selects. It has no variables, uses no interrupts and no clock but that
- * of the reset, and it never erases. */
+/* The loader is a separate program at the begin of the flash. A reset starts the loader, and the
+ * loader starts the image that slots_choose() selects. It has no variables, uses no interrupts,
+ * does not change the clock, and never erases the flash. */
 
 #include "firmware/port/stm32f4/loader.h"
 
@@ -12,8 +12,8 @@ extern uint32_t stack_top[];
 
 _Noreturn void loader_start(void);
 
-/* Starts the program whose vectors are at the begin of a slot: takes its stack and jumps to its
- * start-up. */
+/* Starts the program in a slot. The vectors of the program are at the begin of the slot: sets the
+ * stack pointer of the program and jumps to its start-up. */
 __attribute__((naked, noreturn)) static void start(const uint32_t *vectors) {
   (void)vectors;
   __asm volatile(
@@ -23,8 +23,9 @@ __attribute__((naked, noreturn)) static void start(const uint32_t *vectors) {
       "bx r1\n");
 }
 
-/* Returns true if the image in the slot may be started now. The start of an image that is not
- * confirmed uses up one of its tries. The image is not started if the flash cannot store this. */
+/* Returns true if the image in the slot may be started now. If the image is not confirmed, stores
+ * that one of its permitted attempts to start is used. If the flash cannot store this, the image
+ * may not be started. */
 static bool use_try(uint32_t slot) {
   const uint32_t *begin = (const uint32_t *)(uintptr_t)slot;
   const slot_trailer_t *trailer = slots_trailer(begin, BOARD_SLOT_BYTES);
@@ -59,7 +60,8 @@ typedef void (*handler_t)(void);
 
 enum { EXCEPTIONS = 15 };
 
-/* A fault of the core in the loader locks the core up: the pins stay as the reset has left them. */
+/* Interrupt vectors of the loader. They have no fault handlers, so a fault of the core locks the
+ * core up. The pins then stay in their state after the reset. */
 __attribute__((section(".vectors"), used)) static const struct {
   uint32_t *stack;
   handler_t handlers[EXCEPTIONS];

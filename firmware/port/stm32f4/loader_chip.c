@@ -1,6 +1,7 @@
 #include "firmware/port/stm32f4/loader.h"
 
-/* amp_enable and brake_release, PB0 and PB1 (README.md), and the outputs of cycles, PA8 to PA11. */
+/* Pins of amp_enable and brake_release, PB0 and PB1 (README.md), and of the digital outputs of
+ * cycle programs, PA8 to PA11. */
 enum { PINS_B = 0x3, MODES_B = 0x5, PINS_A = 0xF00, MODES_A = 0x550000 };
 
 static void await_ready(void) {

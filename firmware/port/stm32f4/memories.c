@@ -1,4 +1,5 @@
-/* The regions of the flash that the program may change: parameters, incidents, slots for images. */
+/* The regions of the flash that the program may change: those of the parameters, of the incidents
+ * and of the slots for images. */
 
 #include <stddef.h>
 
@@ -22,14 +23,13 @@ const fw_slots_t *board_slots(void) {
              : NULL;
 }
 
-/* In the slots, only the slot that does not run and the trailer of the running slot may be
- * programmed.
- */
+/* Permits programming of some regions of the flash. Of the slots, only the slot whose image does
+ * not run and the trailer of the running slot may be programmed. */
 void protect_flash(uint32_t first) {
   const uint32_t running = (uintptr_t)vectors_begin;
   /* The parameter store is eighths 2 to 5 of the first 64 KiB. */
   protect_region(first, 0x08000000, MAY_PROGRAM | MPU_RASR_SRD(0xC3) | MPU_RASR_SIZE(16));
-  protect_region(first + 1, 0x08010000, MAY_PROGRAM | MPU_RASR_SIZE(16)); /* incidents */
+  protect_region(first + 1, 0x08010000, MAY_PROGRAM | MPU_RASR_SIZE(16)); /* archive of incidents */
   protect_region(first + 2, 0x08060000, MAY_PROGRAM | MPU_RASR_SIZE(17));
   protect_region(first + 3, running ^ BOARD_SLOT_A ^ BOARD_SLOT_B, MAY_PROGRAM | MPU_RASR_SIZE(17));
   protect_region(first + 4, running + BOARD_SLOT_BYTES - SLOT_TRAILER_BYTES,

@@ -3,16 +3,16 @@
 
 /* The registers of the STM32F446 and STM32F405 that the code for this board uses. They have the
  * names of the reference manuals RM0390 and RM0090; registers of the core have the names of the
- * ARMv7-M manual. The file was written for this project; tools/check_svd compares every address,
- * offset and bit with the SVD files of the vendor.
+ * ARMv7-M manual. This file was written for forceaxis. tools/check_svd compares every address,
+ * offset and bit with the SVD files (register descriptions) of the vendor.
  *
- * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. With _<VALUE> appended, the name is one
- * value of the field. */
+ * A name <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. A name with _<VALUE> appended is
+ * one value of the field. */
 
 #include "firmware/port/stm32/registers_bits.h"
 #include "firmware/port/stm32/registers_core.h"
 
-/* Interrupts. */
+/* Numbers of the interrupts. */
 
 enum {
   IRQ_PVD = 1,
@@ -26,7 +26,7 @@ enum {
   IRQ_CAN2_RX0 = 64
 };
 
-/* Reset and clock control. */
+/* Registers of the reset and clock control. */
 
 typedef struct {
   reg_t CR;
@@ -90,7 +90,7 @@ typedef struct {
 #define RCC_CSR_LSIRDY BIT(1)
 #define RCC_CSR_RMVF BIT(24)
 
-/* Power control. */
+/* Registers of the power control. */
 
 typedef struct {
   reg_t CR;
@@ -106,7 +106,7 @@ typedef struct {
 #define PWR_CSR_PVDO BIT(2)
 #define PWR_CSR_VOSRDY BIT(14)
 
-/* Real-time clock, used as the second clock. */
+/* Registers of the real-time clock, which is used as the second clock. */
 
 typedef struct {
   reg_t TR;
@@ -132,7 +132,7 @@ typedef struct {
 #define RTC_KEY2 UINT32_C(0x53)
 #define RTC_KEY_NONE UINT32_C(0xFF)
 
-/* CRC unit. */
+/* Registers of the CRC unit. */
 
 typedef struct {
   reg_t DR;
@@ -144,7 +144,7 @@ typedef struct {
 
 #define CRC_CR_CR BIT(0)
 
-/* Flash. */
+/* Registers of the flash. */
 
 typedef struct {
   reg_t ACR;
@@ -168,7 +168,7 @@ typedef struct {
 #define FLASH_SR_PGAERR BIT(5)
 #define FLASH_SR_PGPERR BIT(6)
 #define FLASH_SR_PGSERR BIT(7)
-#define FLASH_SR_RDERR BIT(8) /* the STM32F405 has none */
+#define FLASH_SR_RDERR BIT(8) /* the STM32F405 does not have this bit */
 #define FLASH_SR_BSY BIT(16)
 #define FLASH_CR_PG BIT(0)
 #define FLASH_CR_SER BIT(1)
@@ -181,19 +181,19 @@ typedef struct {
 #define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
-/* Levels of the brown-out reset: 0 is level 3, at least 2.7 V; 3 is off, as the chip is
- * delivered. */
+/* Level of the brown-out reset. The value 0 is level 3, at least 2.7 V. The value 3 is off, and is
+ * the value in a new chip. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
-/* bit that is 0 if sector 0 is protected from programming and erasing */
+/* This bit is 0 if sector 0 is protected from programming and erasing. */
 #define FLASH_OPTCR_nWRP_0 BIT(16)
-/* bit that is 1 if the bits nWRP protect from reading as data; the STM32F405 does not have this
- * bit */
+/* This bit is 1 if the bits nWRP select protection from reading as data. The STM32F405 does not
+ * have this bit. */
 #define FLASH_OPTCR_SPRMOD BIT(31)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
 
-/* Pins. */
+/* Registers of the pins. */
 
 typedef struct {
   reg_t MODER;
@@ -214,7 +214,8 @@ typedef struct {
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
 
-/* External interrupts: line n is pin n of the GPIO port that SYSCFG selects for this line. */
+/* Registers of the external interrupts. Line n is pin n of the GPIO port that SYSCFG selects for
+ * this line. */
 
 typedef struct {
   reg_t MEMRM;
@@ -250,12 +251,13 @@ typedef struct {
 #define EXTI_FTSR_TR12 BIT(12)
 #define EXTI_SWIER_SWIER12 BIT(12)
 #define EXTI_PR_PR12 BIT(12)
-/* Line 16 of the external interrupts is the voltage detector of the supply. */
+/* Line 16 of the external interrupts is the voltage detector for the supply voltage. */
 #define EXTI_IMR_MR16 BIT(16)
 #define EXTI_RTSR_TR16 BIT(16)
 #define EXTI_PR_PR16 BIT(16)
 
-/* Timers: timer 5 counts the encoder, timer 2 is the free-running counter, timer 4 is the tick. */
+/* Registers of the timers. Timer 5 counts the encoder, timer 2 is the free-running counter, and
+ * timer 4 is the timer of the tick. */
 
 typedef struct {
   reg_t CR1;
@@ -283,7 +285,8 @@ typedef struct {
 #define TIM5 ((tim_t *)TIM5_BASE)
 
 #define TIM_CR1_CEN BIT(0)
-/* The trigger output is the update event, which is the overflow of the counter. */
+/* With this value the trigger output of the timer is its update event, which is the overflow of the
+ * counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
 /* The internal trigger 2 of timer 5 is the trigger output of timer 4. */
@@ -295,11 +298,11 @@ typedef struct {
 #define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
-/* Channel 3 captures at the selected internal trigger. */
+/* With this value channel 3 captures the count at the selected internal trigger. */
 #define TIM_CCMR2_CC3S_TRC FIELD(0, 2, 3)
 #define TIM_CCER_CC3E BIT(8)
 
-/* Analog-to-digital converter. */
+/* Registers of the analog-to-digital converter (ADC). */
 
 typedef struct {
   reg_t SR;
@@ -333,7 +336,7 @@ typedef struct {
 #define ADC_CR1_SCAN BIT(8)
 #define ADC_CR1_RES_12 FIELD(24, 2, 0)
 #define ADC_CR2_ADON BIT(0)
-/* Each rising edge of the trigger output of timer 4 starts the injected group. */
+/* With this value the trigger output of timer 4 starts the injected group. */
 #define ADC_CR2_JEXTSEL_TIM4_TRGO FIELD(16, 4, 9)
 #define ADC_CR2_JEXTEN_RISING FIELD(20, 2, 1)
 #define ADC_CR2_SWSTART BIT(30)
@@ -349,7 +352,7 @@ typedef struct {
 #define ADC_CCR_ADCPRE_4 FIELD(16, 2, 1)
 #define ADC_CCR_TSVREFE BIT(23)
 
-/* Digital-to-analog converter. */
+/* Registers of the digital-to-analog converter (DAC). */
 
 typedef struct {
   reg_t CR;
@@ -365,7 +368,8 @@ typedef struct {
 #define DAC_CR_BOFF1 BIT(1)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
 
-/* CAN. The filters of both controllers are in the registers of CAN1. */
+/* Registers of the CAN controllers. The filters of both controllers are in the registers of
+ * CAN1. */
 
 typedef struct {
   reg_t MCR;
@@ -377,7 +381,7 @@ typedef struct {
   reg_t ESR;
   reg_t BTR;
   reg_t unused_20[88];
-  reg_t TI0R; /* three mailboxes, each with four registers */
+  reg_t TI0R; /* first of the registers of three mailboxes; each mailbox has four registers */
   reg_t TDT0R;
   reg_t TDL0R;
   reg_t TDH0R;
@@ -456,7 +460,7 @@ typedef struct {
 #define CAN_FA1R_FACT0 BIT(0)
 #define CAN_FA1R_FACT14 BIT(14)
 
-/* Serial peripheral interface. */
+/* Registers of the serial peripheral interface (SPI). */
 
 typedef struct {
   reg_t CR1;
@@ -477,7 +481,8 @@ typedef struct {
 #define SPI_CR2_RXDMAEN BIT(0)
 #define SPI_CR2_TXDMAEN BIT(1)
 
-/* Direct memory access: streams 3 and 4 of DMA1, channel 0, are SPI2 in and out. */
+/* Registers of the direct memory access (DMA). In DMA1, with channel 0, stream 3 is the input of
+ * SPI2 and stream 4 is its output. */
 
 typedef struct {
   reg_t LISR;
@@ -516,7 +521,7 @@ typedef struct {
 #define DMA_S4CR_DIR_OUT FIELD(6, 2, 1)
 #define DMA_S4CR_MINC BIT(10)
 
-/* Serial line. */
+/* Registers of the serial line. */
 
 typedef struct {
   reg_t SR;
@@ -544,13 +549,13 @@ typedef struct {
 #define USART_CR1_M BIT(12)
 #define USART_CR1_UE BIT(13)
 
-/* Unique device ID: three words. */
+/* Address of the unique device ID, which has three words. */
 #define UID_BASE 0x1FFF7A10
 /* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.3 V, which
  * the manufacturer has measured. */
 #define VREFINT_CAL_BASE 0x1FFF7A2A
 
-/* Independent watchdog. */
+/* Registers of the independent watchdog. */
 
 typedef struct {
   reg_t KR;
@@ -564,7 +569,7 @@ typedef struct {
 #define IWDG_SR_PVU BIT(0)
 #define IWDG_SR_RVU BIT(1)
 #define IWDG_PR_PR_16 FIELD(0, 3, 2)
-/* Keys of the watchdog register KR. */
+/* Values that are written to the register KR of the watchdog. */
 #define IWDG_KEY_FEED UINT32_C(0xAAAA)
 #define IWDG_KEY_ACCESS UINT32_C(0x5555)
 #define IWDG_KEY_START UINT32_C(0xCCCC)

@@ -1,24 +1,25 @@
-/* A converter of the force on SPI2. Each conversion interrupts and starts a transfer by DMA; the
- * end of the transfer takes the reading. */
+/* A converter of the force on SPI2. Each ready conversion causes an interrupt, which starts a
+ * transfer by DMA. The interrupt at the end of the transfer processes the reading. */
 
 #include "firmware/port/converter.h"
 #include "firmware/port/port.h"
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
-/* SPI2 has its pins on port B. Chip select and READY are on port C; READY is low while a reading is
- * ready. The pin DOUT/RDY of the AD7193 must be connected to both MISO and READY. */
+/* Pin numbers. The pins of SPI2 are on port B. The pins of chip select and READY are on port C.
+ * READY is low while a reading is ready. The pin DOUT/RDY of the AD7193 must be connected to both
+ * MISO and READY. */
 enum { PIN_SCK = 13, PIN_MISO = 14, PIN_MOSI = 15, FUNCTION_SPI2 = 5 };
 enum { PIN_SELECT = 11, PIN_READY = 12 };
 
-/* Clock of the SPI bus: 42 MHz / 32 = 1.3 MHz. The ADS1256 permits at most a quarter of its own
- * clock, 1.9 MHz. A byte takes 6.1 us. */
+/* Settings of the SPI bus. Its clock is 42 MHz / 32 = 1.3 MHz. The ADS1256 permits at most a
+ * quarter of its own clock, which is 1.9 MHz. A byte takes 6.1 us. */
 #define SPI_BUS (SPI_CR1_MSTR | SPI_CR1_BR_32 | SPI_CR1_SSI | SPI_CR1_SSM | SPI_CR1_CPHA)
 
 #define COUNTS_OF_US (CLOCK_APB1_HZ / 500000)
 
-/* Longest waits at power-up, in us: for six bytes, and for a conversion, with the first settling.
- */
+/* Longest times to wait at power-up, in us. TRANSFER_US: for the transfer of six bytes.
+ * CONVERSION_US: for a conversion, including the first settling. */
 enum { TRANSFER_US = 100, CONVERSION_US = 2000, AGE_MAX = 255 };
 
 #define FLAGS_IN \
@@ -26,11 +27,11 @@ enum { TRANSFER_US = 100, CONVERSION_US = 2000, AGE_MAX = 255 };
 #define FLAGS_OUT \
   (DMA_HIFCR_CFEIF4 | DMA_HIFCR_CDMEIF4 | DMA_HIFCR_CTEIF4 | DMA_HIFCR_CHTIF4 | DMA_HIFCR_CTCIF4)
 
-static uint8_t kind; /* value of force_converter; 0: none */
+static uint8_t kind; /* value of the object force_converter; 0: no converter */
 static uint8_t sent[CONVERTER_BYTES];
 static uint8_t received[CONVERTER_BYTES];
-static converter_t converter;     /* only the interrupt writes it */
-static volatile uint8_t readings; /* number of readings without error, modulo 256 */
+static converter_t converter;     /* only the interrupt writes this variable */
+static volatile uint8_t readings; /* number of readings without an error, modulo 256 */
 static volatile uint8_t errors;   /* number of readings with an error, modulo 256 */
 static uint8_t seen;              /* value of `readings` in the last tick */
 static uint8_t errors_seen;
@@ -38,7 +39,8 @@ static uint8_t age = AGE_MAX;
 
 bool spi_force_is_fitted(void) { return kind != AXIS_FORCE_CONVERTER_ADC; }
 
-/* Exchanges `count` bytes. A stream is set while it is off and its flags are clear. */
+/* Begins the exchange of `count` bytes by DMA. The registers of a DMA stream are written while the
+ * stream is off and its flags are clear. */
 static void begin_transfer(uint8_t count, uint32_t interrupt) {
   DMA1->LIFCR = FLAGS_IN;
   DMA1->HIFCR = FLAGS_OUT;
@@ -104,7 +106,8 @@ static void spi_init(void) {
   RCC->APB1ENR |= RCC_APB1ENR_SPI2EN;
   RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
   (void)RCC->APB2ENR;
-  /* The clock of the ADS1256 is low when idle, that of the AD7193 is high. */
+  /* The clock signal of the ADS1256 is low when it is idle. The clock signal of the AD7193 is high
+   * when it is idle. */
   const bool is_high = kind == AXIS_FORCE_CONVERTER_AD7193;
   SPI2->CR1 = SPI_BUS | (is_high ? SPI_CR1_CPOL : 0);
   SPI2->CR2 = SPI_CR2_RXDMAEN | SPI_CR2_TXDMAEN;
@@ -119,7 +122,8 @@ static void spi_init(void) {
   DMA1->S4PAR = (uintptr_t)&SPI2->DR;
   DMA1->S3M0AR = (uintptr_t)received;
   DMA1->S4M0AR = (uintptr_t)sent;
-  /* Chip select was high, which resets the interface, and stays low from now on. */
+  /* Chip select was high, which has reset the interface of the converter. It stays low from now
+   * on. */
   GPIOC->BSRR = BIT(PIN_SELECT);
   pin_mode(GPIOC, PIN_SELECT, PIN_OUTPUT, PIN_PULL_NONE);
   pause_for(1);
@@ -150,12 +154,13 @@ bool spi_force_start(const device_params_t *params) {
   return true;
 }
 
-/* Starts the transfer of a reading. Until it is complete the edges on READY are data of the AD7193,
- * so the interrupt is disabled (as in pins.c, not by the mask of the external interrupts). The
- * request of an edge that was cleared can last a little longer than its pending bit, and would
- * cause the interrupt again: without a reading it is ignored. */
+/* Starts the transfer of a reading. Until the transfer is complete, the edges on READY are data
+ * bits of the AD7193. So this interrupt is disabled; as in pins.c, the mask of the external
+ * interrupts is not used for this. After the pending bit of an edge was cleared, the request can
+ * remain for a short time and cause the interrupt again. If no reading is ready, such an interrupt
+ * is ignored. */
 void spi_force_ready_interrupt(void) {
-  EXTI->PR = EXTI_PR_PR12; /* writing 1 clears it */
+  EXTI->PR = EXTI_PR_PR12; /* a write of 1 clears the pending bit */
   if (is_ready()) {
     NVIC->ICER1 = BIT(IRQ_EXTI15_10 - 32);
     begin_transfer(converter_bytes(kind), DMA_S3CR_TCIE);
@@ -173,7 +178,8 @@ void spi_force_read_interrupt(void) {
   EXTI->PR = EXTI_PR_PR12;
   NVIC->ICPR1 = BIT(IRQ_EXTI15_10 - 32);
   NVIC->ISER1 = BIT(IRQ_EXTI15_10 - 32);
-  /* The edge of a conversion that became ready meanwhile has been cleared. */
+  /* If another conversion became ready meanwhile, its edge has been cleared, so READY is checked
+   * here. */
   if (is_ready()) {
     EXTI->SWIER = EXTI_SWIER_SWIER12;
   }

@@ -1,6 +1,6 @@
 /* Monitors the supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches
- * the outputs off, before the brown-out reset at 2.7 V. Reading the flash with five wait states and
- * programming it by words require at least 2.7 V. */
+ * the outputs off, before the brown-out reset at 2.7 V. At least 2.7 V are required to read the
+ * flash with five wait states and to program it by words. */
 
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
@@ -11,7 +11,8 @@ void supply_init(void) {
   RCC->APB1ENR |= RCC_APB1ENR_PWREN;
   (void)RCC->APB1ENR;
   PWR->CR = (PWR->CR & ~PWR_CR_PLS) | PWR_CR_PLS_7 | PWR_CR_PVDE;
-  EXTI->RTSR |= EXTI_RTSR_TR16; /* the detector's output rises when the supply falls */
+  /* the output of the voltage detector rises when the supply voltage falls */
+  EXTI->RTSR |= EXTI_RTSR_TR16;
   EXTI->PR = EXTI_PR_PR16;
   EXTI->IMR |= EXTI_IMR_MR16;
   NVIC->IPR0 = FIELD(8, 8, PRIORITY_SUPPLY);
@@ -29,9 +30,9 @@ void supply_interrupt(void) {
 
 bool supply_is_low(void) { return is_low; }
 
-/* Updates the state of the supply; call this function once in each tick. After an interrupt the
- * supply remains low until the detector reports a sufficient voltage. The state is reset before the
- * detector is read, so that an interrupt that comes later is not undone. */
+/* Updates the state of the supply voltage. Call this function once in each tick. After an interrupt
+ * the state remains low until the voltage detector reports a sufficient voltage. The state is reset
+ * before the detector is read, so an interrupt that occurs later is not lost. */
 void supply_look(void) {
   is_low = false;
   if ((PWR->CSR & PWR_CSR_PVDO) != 0) {
@@ -39,9 +40,9 @@ void supply_look(void) {
   }
 }
 
-/* Returns true if the option bytes set the brown-out reset to the required level and protect sector
- * 0, the loader, from programming and erasing. In a new chip the brown-out reset is off, and
- * nothing is protected. */
+/* Returns true if the option bytes set the brown-out reset to the required level, and protect
+ * sector 0 with the loader from programming and erasing. In a new chip the brown-out reset is off,
+ * and no sector is protected. */
 bool option_bytes_are_right(void) {
   return (FLASH->OPTCR & (FLASH_OPTCR_BOR_LEV | FLASH_OPTCR_nWRP_0 | FLASH_OPTCR_SPRMOD)) == 0;
 }

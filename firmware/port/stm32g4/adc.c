@@ -1,25 +1,27 @@
 #include "firmware/port/stm32/board.h"
 
-/* Pin numbers of the force and of the motor current on port A: channels 3 and 4 of ADC2. Channel 17
- * of ADC2 measures pin PA4, which the DAC drives, and channel 18 of ADC1 the internal reference. */
+/* Pin numbers of the force and of the motor current on port A. They are channels 3 and 4 of ADC2.
+ * Channel 17 of ADC2 measures pin PA4, which the DAC drives. Channel 18 of ADC1 measures the
+ * internal reference. */
 enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
 
-/* COUNTS_MAX limits the wait for a result to 5 us, 420 counts of the free-running counter. Two
- * conversions together take 2 x (47.5 + 12.5) cycles of 42 MHz, 2.9 us; 47.5 sampling cycles are
- * enough for a source resistance of 2.2 kOhm. Each poll makes eight reads over the bus, so that the
- * wait executes few instructions. */
+/* COUNTS_MAX limits the wait for a result to 5 us, which are 420 counts of the free-running
+ * counter. Two conversions together take 2 x (47.5 + 12.5) cycles of 42 MHz, which are 2.9 us. 47.5
+ * sampling cycles are enough for a source resistance of 2.2 kOhm. Each poll makes eight reads over
+ * the bus, so few instructions are executed during the wait. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
-/* Counts after the begin of a tick in which the conversions of the tick cannot end: they take 240
- * counts. */
+/* Number of counts after the begin of a tick in which the conversions of this tick cannot end yet.
+ * They take 240 counts. */
 enum { COUNTS_MIN = 190 };
 
-/* The voltage regulator of an ADC needs 20 us, and a calibration takes 116 cycles of its clock,
- * 4 MHz before the PLL is on. POLLS_MAX: a poll takes at least 6 cycles of a core with 168 MHz. */
+/* REGULATOR_COUNTS: the voltage regulator of an ADC needs 20 us. POLLS_MAX: a calibration takes 116
+ * cycles of the clock of the ADC, which is 4 MHz before the PLL is on. A poll takes at least 6
+ * cycles of the core at 168 MHz. */
 enum { REGULATOR_COUNTS = 20 * (CLOCK_APB1_HZ / 500000), POLLS_MAX = 4000 };
 
 static uint32_t begun;
-static const adc_t *single; /* ADC that makes the single conversion between two ticks */
+static const adc_t *single; /* ADC that makes the one conversion that adc_start_one() has started */
 
 static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
@@ -37,27 +39,28 @@ static void await_counts(uint32_t counts) {
   }
 }
 
-/* Calibrates a converter and switches it on. The register CR has the bits DEEPPWD after a reset. If
- * the converter does not respond in time, its conversions never end, so the sensors are reported as
- * not valid. */
+/* Calibrates an ADC and switches it on. After a reset the bit DEEPPWD of the register CR is 1. If
+ * the ADC does not respond in time, its conversions never end, so the sensors are reported as not
+ * valid. */
 static void converter_start(adc_t *adc) {
-  adc->CR = 0; /* ends the deep power-down */
+  adc->CR = 0; /* ends the state deep power-down */
   adc->CR = ADC_CR_ADVREGEN;
   await_counts(REGULATOR_COUNTS);
   adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADCAL;
   if (!becomes(&adc->CR, ADC_CR_ADCAL, 0)) {
     return;
   }
-  await_counts(REGULATOR_COUNTS); /* wait of at least four cycles of the ADC clock */
+  /* the ADC needs a wait of at least four cycles of its clock here */
+  await_counts(REGULATOR_COUNTS);
   adc->ISR = ADC_ISR_ADRDY;
   adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADEN;
   (void)becomes(&adc->ISR, ADC_ISR_ADRDY, ADC_ISR_ADRDY);
 }
 
-/* Initialises the converters. The injected group of ADC2 gives the two results of a tick in
- * separate registers, without DMA; the timer of the tick starts this group. Regular groups make
- * single conversions of slow sources. The clock of the converters is that of the bus divided by 4,
- * 42 MHz, so that the trigger is not delayed by a random part of a cycle. */
+/* Initialises both ADCs. The timer of the tick starts the injected group of ADC2. This group gives
+ * the two results of a tick in separate registers, without DMA. The regular groups make single
+ * conversions of slow sources. The clock of the ADCs is the clock of the bus divided by 4, which is
+ * 42 MHz. So the trigger is not delayed by a random part of a cycle. */
 void adc_init(void) {
   set_bits(&RCC->AHB2ENR, RCC_AHB2ENR_ADC12EN);
   pin_mode(GPIOA, PIN_FORCE, PIN_ANALOG, PIN_PULL_NONE);
@@ -72,15 +75,15 @@ void adc_init(void) {
   if ((ADC1->CR & ADC2->CR & ADC_CR_ADEN) == 0) {
     return;
   }
-  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* groups of one */
+  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* each regular group has one conversion */
   ADC2->SQR1 = ADC_SQR1_SQ1_17;
   ADC2->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JEXTSEL_TIM4_TRGO | ADC_JSQR_JEXTEN_RISING |
                ADC_JSQR_JSQ1_3 | ADC_JSQR_JSQ2_4;
   ADC2->CR = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
 }
 
-/* Clears a result that was too late for the last tick. The results of this tick are not there yet
- * while the timer of the tick has few counts. */
+/* Clears a result that was too late for the last tick. While the count of the timer of the tick is
+ * below COUNTS_MIN, it cannot be a result of this tick. */
 void adc_begin(void) {
   begun = TIM2->CNT;
   if (TIM4->CNT < COUNTS_MIN) {
@@ -116,10 +119,10 @@ static void start(adc_t *adc) {
   }
 }
 
-/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Clears
- * the flags of the tick that ends. Writing 0 to a start bit has no effect. The reference is
- * converted in each case: a conversion that begins more than 1 ms after the one before may be wrong
- * (ES0430 2.7.9), and ADC1 has no other. */
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. Also
+ * clears the flags of the conversions in the tick that ends. A write of 0 to a start bit has no
+ * effect. ADC1 converts the reference in each case, because it makes no other conversions, and a
+ * conversion that begins more than 1 ms after the previous one may be wrong (ES0430 2.7.9). */
 void adc_start_one(bool of_reference) {
   ADC2->ISR = ADC_ISR_JEOC | ADC_ISR_JEOS;
   start(ADC1);

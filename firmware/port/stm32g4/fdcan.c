@@ -1,6 +1,6 @@
-/* The CAN controllers of the chip, FDCAN (firmware/port/stm32/can.h), which send and receive
- * classic frames only. Each controller has a memory for frames, with a fixed layout (RM0440, FDCAN
- * message RAM). */
+/* The functions of firmware/port/stm32/can.h for the CAN controllers of this chip (FDCAN). They
+ * send and receive only classic frames. Each controller has a memory for frames with a fixed layout
+ * (RM0440, FDCAN message RAM). */
 
 #include <stddef.h>
 
@@ -9,19 +9,21 @@
 #include "firmware/port/stm32/can.h"
 
 enum { FUNCTION_FDCAN = 9 };
-enum { PIN_RX = 11, PIN_TX = 12 };           /* numbers of the pins of port A */
-enum { DRIVE_PIN_RX = 5, DRIVE_PIN_TX = 6 }; /* numbers of the pins of port B */
+enum { PIN_RX = 11, PIN_TX = 12 };           /* pin numbers, on port A, of the CAN of the axis */
+enum { DRIVE_PIN_RX = 5, DRIVE_PIN_TX = 6 }; /* pin numbers, on port B, of the CAN of a drive */
 
 /* Bit timing of CAN. With the crystal a bit has 24 quanta; at 1000 kbit/s a quantum is one cycle of
- * 24 MHz. The sample point is after 21 quanta, at 87.5 % of the bit (CiA 301). Without the crystal
- * the clock is that of APB1, and a bit has 14 quanta: the internal oscillator has an error of 1 %
- * and needs three of them for resynchronisation after the sample point, at 79 % of the bit. */
+ * 24 MHz. The sample point is after 21 quanta, at 87.5 % of the bit (CiA 301). If the crystal does
+ * not run, the clock of the controllers is that of APB1, and a bit has 14 quanta. The internal
+ * oscillator has an error of 1 %, so three quanta for resynchronisation are needed after the sample
+ * point. The sample point is then at 79 % of the bit. */
 enum { QUANTA = 24, CLOCK_KHZ = 24000 };
 enum { QUANTA_INTERNAL = 14, CLOCK_INTERNAL_KHZ = 42000 };
 #define BIT_TIMING (FDCAN_NBTP_NTSEG1(20) | FDCAN_NBTP_NTSEG2(3) | FDCAN_NBTP_NSJW(3))
 #define BIT_TIMING_INTERNAL (FDCAN_NBTP_NTSEG1(10) | FDCAN_NBTP_NTSEG2(3) | FDCAN_NBTP_NSJW(3))
 
-/* Words of a frame in the memory. The first word has the identifier, the second the length. */
+/* Indices of the words of a frame in the memory of a controller. The first word has the identifier,
+ * and the second word has the length. */
 enum { FRAME_ID = 0, FRAME_LENGTH = 1, FRAME_DATA = 2 };
 #define FRAME_ID_STANDARD MASK(18, 11)
 #define FRAME_ID_REMOTE BIT(29)
@@ -61,16 +63,18 @@ void can_controller_connect_drive(void) {
   NVIC->ISER2 = BIT(IRQ_FDCAN2_IT0 - 64) | BIT(IRQ_FDCAN2_IT1 - 64);
 }
 
-/* A controller sets the same bit itself when it is bus off. The other bits of CCCR are 0. */
+/* Requests the initialisation. A controller sets the same bit itself when it is bus off. All other
+ * bits of CCCR are 0. */
 void can_controller_enter(can_line_t *line) { line->registers->CCCR = FDCAN_CCCR_INIT; }
 
 bool can_controller_has_entered(const can_line_t *line) {
   return (line->registers->CCCR & FDCAN_CCCR_INIT) != 0;
 }
 
-/* The configuration, which CCE permits, also gives up frames that wait. Every frame with an 11-bit
- * identifier is accepted into FIFO 0; a FIFO that is full keeps its frames. Frames are sent in the
- * order of their arrival, and a failed frame is repeated. */
+/* Configures the controller and requests the end of the initialisation. The bit CCE permits a
+ * configuration; it also discards waiting frames. Every received frame with an 11-bit identifier is
+ * put into FIFO 0. If the FIFO is full, its frames are kept. Frames are sent in the order in which
+ * they were written, and a failed frame is repeated. */
 void can_controller_join(can_line_t *line) {
   fdcan_t *can = line->registers;
   can->CCCR = FDCAN_CCCR_INIT;
@@ -85,8 +89,9 @@ void can_controller_join(can_line_t *line) {
   can->CCCR = 0;
 }
 
-/* A controller that was bus off waits for 129 sequences of 11 recessive bits after the end of the
- * initialisation. ACT is 0 until the controller has seen 11 recessive bits. */
+/* Returns true if the controller has joined the bus. After the end of the initialisation, a
+ * controller that was bus off waits for 129 sequences of 11 recessive bits. ACT is 0 until the
+ * controller has seen 11 recessive bits. */
 bool can_controller_has_joined(const can_line_t *line) {
   const uint32_t status = line->registers->PSR;
   return (line->registers->CCCR & FDCAN_CCCR_INIT) == 0 && (status & FDCAN_PSR_BO) == 0 &&
@@ -105,8 +110,9 @@ bool can_controller_is_empty(const can_line_t *line) {
   return (line->registers->TXBRP & FDCAN_TXBRP_TRP) == 0;
 }
 
-/* The register TXBCR gives up frames only in a queue, and a queue would not keep the order of
- * frames. */
+/* Returns false, because frames are discarded only by a new initialisation. The register TXBCR can
+ * discard single frames only if the frames are in a queue, and a queue would not keep the order of
+ * the frames. */
 bool can_controller_abort(can_line_t *line) {
   (void)line;
   return false;
@@ -120,8 +126,8 @@ bool can_controller_lost(can_line_t *line) {
   return is_lost;
 }
 
-/* Clears the request of the interrupt before the look at the FIFO, so that a frame that arrives
- * later requests the interrupt again. */
+/* The interrupt request is cleared before the FIFO is read. So a frame that is received later
+ * requests the interrupt again. */
 bool can_controller_take(can_line_t *line, can_frame_t *frame) {
   fdcan_t *can = line->registers;
   can->IR = FDCAN_IR_RF0N;
@@ -136,7 +142,7 @@ bool can_controller_take(can_line_t *line, can_frame_t *frame) {
     const uint32_t length = (words[FRAME_LENGTH] & FRAME_LENGTH_DLC) >> 16;
     frame->id = (uint16_t)((head & FRAME_ID_STANDARD) >> 18);
     frame->remote = ((head & FRAME_ID_REMOTE) != 0) ? 1 : 0;
-    /* CAN permits a length code above 8, which means 8 bytes. */
+    /* CAN permits a length code above 8. Such a code means 8 bytes. */
     frame->length = (uint8_t)((length > 8) ? 8 : length);
     fx_store_le(&frame->data[0], words[FRAME_DATA], 4);
     fx_store_le(&frame->data[4], words[FRAME_DATA + 1], 4);

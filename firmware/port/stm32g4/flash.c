@@ -1,9 +1,10 @@
-/* Parameter store and archive of incidents in bank 2 of the flash. The program is in bank 1, which
- * can be read while bank 2 is erased or programmed.
+/* The memories of the parameter store and of the archive of incidents, in bank 2 of the flash. The
+ * program is in bank 1. Bank 1 can be read while bank 2 is erased or programmed.
  *
- * The flash is programmed by double words with error correction, and a double word only once after
- * an erase. The store programs words (store_memory_t), so each word has a double word of its own,
- * whose second half stays erased, and a sector of the store takes twice its size. */
+ * The flash is programmed by double words with error correction. A double word can be programmed
+ * only once after an erase. The parameter store programs single words (store_memory_t). So each
+ * word of the store uses one double word, whose second half stays erased, and a sector of the store
+ * needs twice its size in the flash. */
 
 #include <stddef.h>
 
@@ -11,7 +12,8 @@
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
-/* Two adjacent sectors: number of the first page in bank 2, and pages of a sector. */
+/* Two adjacent sectors of a memory: number of their first page, counted from the begin of bank 2,
+ * and number of pages in a sector. */
 typedef struct {
   uint32_t first_page;
   uint32_t pages;
@@ -29,29 +31,30 @@ static const sectors_t *sectors_of(const void *context) { return context; }
   (FLASH_SR_OPERR | FLASH_SR_PROGERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_SIZERR | \
    FLASH_SR_PGSERR | FLASH_SR_MISERR | FLASH_SR_FASTERR | FLASH_SR_RDERR | FLASH_SR_OPTVERR)
 
-/* Largest number of polls of the erase of a page, and number of loops in a poll, which takes about
- * 1000 cycles of the core, 6 us. The erase of a page takes 22 ms, at most 25 ms. */
+/* Largest number of polls during the erase of a page, and number of loops in each poll. A poll
+ * takes about 1000 cycles of the core, which are 6 us. The erase of a page typically takes 22 ms,
+ * and at most 25 ms. */
 enum { ERASE_POLLS_MAX = 8400, ERASE_POLL_LOOPS = 50 };
 
-/* State of read_word(): it does not run; it reads a double word of bank 2; the double word was
- * found to have two wrong bits. */
+/* State of the function read_word(). IDLE: it does not run. ASKED: it reads a double word of bank
+ * 2. DAMAGED: the double word has two wrong bits. */
 enum { IDLE, ASKED, DAMAGED };
 static volatile uint8_t reading;
 
 uint16_t flash_corrected(void) {
   static uint16_t count;
   if ((FLASH->ECCR & FLASH_ECCR_ECCC) != 0) {
-    FLASH->ECCR = FLASH_ECCR_ECCC; /* writing 1 clears it */
+    FLASH->ECCR = FLASH_ECCR_ECCC; /* a write of 1 clears this flag */
     count = (uint16_t)((count < UINT16_MAX) ? count + 1 : UINT16_MAX);
   }
   return count;
 }
 
-/* Continues after a read found two wrong bits in a double word of bank 2, which a power cut during
- * programming or erasing can cause. The same error in the program memory is treated as a fault of
- * the core. The function decides by what was being read and not by the address in ECCR: this
- * address is not updated while one of its flags is set, and may be wrong after an interrupted erase
- * (RM0440 3.3.2, ES0430 2.2.3). */
+/* Handles two wrong bits in a double word of the flash. In bank 2 a power cut during programming or
+ * erasing can cause this, so the program continues. In the program memory the same error is treated
+ * as a fault of the core. The state of read_word() shows which memory was read. The address in ECCR
+ * is not used: it is not updated while one of its flags is set, and may be wrong after an
+ * interrupted erase (RM0440 3.3.2, ES0430 2.2.3). */
 __attribute__((used)) static void note_damage(void) {
   if (reading != ASKED) {
     board_fail();
@@ -60,27 +63,28 @@ __attribute__((used)) static void note_damage(void) {
   reading = DAMAGED;
 }
 
-/* Handles the NMI: of the error correction if its flag is set, else of the clock security system.
- * The present stack may be invalid, so board_fail() is entered without its use. */
+/* Handles the NMI. If the flag of the error correction is set, the NMI comes from the error
+ * correction, otherwise from the clock security system. The present stack may be invalid, so
+ * board_fail() is entered without a use of this stack. */
 __attribute__((naked)) void flash_nmi(void) {
   __asm volatile(
-      "movw r0, #0x2018\n" /* FLASH_ECCR */
+      "movw r0, #0x2018\n" /* low half of the address of FLASH_ECCR */
       "movt r0, #0x4002\n"
       "ldr r0, [r0]\n"
-      "cmp r0, #0\n" /* bit 31 is FLASH_ECCR_ECCD */
+      "cmp r0, #0\n" /* negative: bit 31, FLASH_ECCR_ECCD, is 1 */
       "blt note_damage\n"
       "b board_fail\n");
 }
 
-/* Waits until the flash is ready. If the flash never becomes ready, the watchdog resets the chip;
- * the drive is disabled and the outputs are off at this time. */
+/* Waits until the flash is ready. If the flash never becomes ready, the watchdog resets the chip.
+ * The drive is disabled and the outputs are off at this time. */
 static void await_ready(void) {
   while ((FLASH->SR & FLASH_SR_BSY) != 0) {
   }
 }
 
-/* A write to bank 2 while bank 1 is read can corrupt the data cache (ES0430 2.2.2). So the data
- * cache is off from unlock() to lock(), which empties it. */
+/* Permits programming of the flash. A write to bank 2 while bank 1 is read can corrupt the data
+ * cache (ES0430 2.2.2). So the data cache is off from unlock() to lock(), and lock() empties it. */
 static void unlock(void) {
   await_ready();
   FLASH->ACR &= ~FLASH_ACR_DCEN;
@@ -88,7 +92,7 @@ static void unlock(void) {
     FLASH->KEYR = FLASH_KEY1;
     FLASH->KEYR = FLASH_KEY2;
   }
-  /* Writing 1 clears an error bit of SR. With an error bit nothing can be programmed. */
+  /* A write of 1 clears an error bit of SR. While an error bit is 1, nothing can be programmed. */
   FLASH->SR = ERRORS;
 }
 
@@ -105,7 +109,8 @@ static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
   return BANK_2 + sectors->first_page * PAGE_BYTES + 2 * address;
 }
 
-/* Reads a word. A damaged word reads 0, which is neither blank nor part of a complete record. */
+/* Reads a word of a memory. A damaged word reads as 0. The value 0 is not blank, and with this
+ * value instead of the stored word no record is complete. */
 static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   const volatile uint32_t *place = (const volatile uint32_t *)place_of(sectors, address);
   reading = ASKED;
@@ -117,12 +122,12 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   return is_damaged ? 0 : word;
 }
 
-/* Reads without the data cache, which would read neighbouring double words as well, so that an
- * error could not be attributed to one of them. */
+/* Reads bytes of a memory with the data cache off. The data cache would also read neighbouring
+ * double words, and an error could then not be attributed to one of them. */
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;
-  (void)flash_corrected(); /* an error flag of another read must not remain */
+  (void)flash_corrected(); /* clears the error flag that another read may have left */
   /* Most reads are complete words at aligned addresses. */
   for (; count >= 4 && (address & 3u) == 0; address += 4, bytes += 4, count -= 4) {
     const uint32_t word = read_word(sectors_of(context), address);
@@ -138,8 +143,8 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   FLASH->ACR = access;
 }
 
-/* Programs a double word, within 125 us. If `word` is all ones, nothing is programmed, because
- * erased memory already reads as ones. */
+/* Programs a double word. This takes at most 125 us. If all bits of `word` are 1, nothing is
+ * programmed, because erased memory already reads as ones. */
 static bool program_word(uint32_t place, uint32_t word) {
   if (word == UINT32_MAX) {
     return true;
@@ -165,7 +170,8 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
   return done;
 }
 
-/* Erases a page of bank 2, and feeds the watchdog instead of the ticks, which are masked. */
+/* Erases a page of bank 2. The ticks are masked during the erase, so this function feeds the
+ * watchdog. */
 static bool erase_page(uint32_t page) {
   const uint32_t control = FLASH_CR_PER | FLASH_CR_BKER | FLASH_CR_PNB(page);
   bool done = false;
@@ -194,7 +200,7 @@ static bool erase_sector(void *context, uint8_t sector) {
   return done;
 }
 
-/* Returns true if pages and banks are those of this file. */
+/* Returns true if the flash has two banks with the pages that this file assumes. */
 static bool has_two_banks(void) {
   return (FLASH->OPTR & (FLASH_OPTR_DBANK | FLASH_OPTR_BFB2)) == FLASH_OPTR_DBANK;
 }

@@ -1,13 +1,13 @@
-/* Start-up of the RAM, and what of the flash the program may change: bank 2 with parameters and
- * incidents. There are no slots for images. */
+/* Start-up of the RAM, and the region of the flash that the program may change: bank 2 with
+ * parameters and incidents. This board has no slots for images. */
 
 #include <stddef.h>
 
 #include "firmware/port/stm32/board.h"
 
 /* The reset handler. After a reset, the first write to each of the four RAM areas may be lost
- * (ES0430 2.2.7), also if it is a push, so a word of each area is read first. An incident that the
- * RAM has kept does not change. */
+ * (ES0430 2.2.7). A push is also such a write. So one word of each area is read first. This does
+ * not change an incident that the RAM has kept. */
 __attribute__((naked)) void touch_memories(void) {
   __asm volatile(
       "mov r0, #0x20000000\n"

@@ -1,4 +1,4 @@
-/* This board has no connection for a converter of the force on SPI. */
+/* Functions of spi_force for a board without a connection for a converter of the force on SPI. */
 
 #include "firmware/port/stm32/board.h"
 

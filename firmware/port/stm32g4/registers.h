@@ -2,16 +2,16 @@
 #define FIRMWARE_PORT_STM32G4_REGISTERS_H_
 
 /* The registers of the STM32G474 that the code for this board uses, with the names of the reference
- * manual RM0440. The file was written for this project; tools/check_svd compares every address,
- * offset and bit with the register description of the vendor, as the crate stm32g4 keeps it.
+ * manual RM0440. This file was written for forceaxis. tools/check_svd compares every address,
+ * offset and bit with the register description of the vendor in the crate stm32g4.
  *
- * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. With _<VALUE> appended, the name is one
- * value of the field. */
+ * A name <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. A name with _<VALUE> appended is
+ * one value of the field. */
 
 #include "firmware/port/stm32/registers_bits.h"
 #include "firmware/port/stm32/registers_core.h"
 
-/* Interrupts. */
+/* Numbers of the interrupts. */
 
 enum {
   IRQ_PVD_PVM = 1,
@@ -23,7 +23,7 @@ enum {
   IRQ_FDCAN2_IT1 = 87
 };
 
-/* Reset and clock control. */
+/* Registers of the reset and clock control. */
 
 typedef struct {
   reg_t CR;
@@ -84,7 +84,7 @@ typedef struct {
 #define RCC_APB1ENR1_FDCANEN BIT(25)
 #define RCC_APB1ENR1_PWREN BIT(28)
 #define RCC_APB2ENR_SYSCFGEN BIT(0)
-/* The clock of the CAN controllers: 0 is the external crystal, 2 the clock of APB1. */
+/* Clock of the CAN controllers. The value 0 is the external crystal, and 2 is the clock of APB1. */
 #define RCC_CCIPR_FDCANSEL MASK(24, 2)
 #define RCC_CCIPR_FDCANSEL_PCLK1 FIELD(24, 2, 2)
 #define RCC_BDCR_RTCSEL MASK(8, 2)
@@ -95,7 +95,7 @@ typedef struct {
 #define RCC_CSR_LSIRDY BIT(1)
 #define RCC_CSR_RMVF BIT(23)
 
-/* Power control. */
+/* Registers of the power control. */
 
 typedef struct {
   reg_t CR1;
@@ -116,14 +116,14 @@ typedef struct {
 #define PWR_CR2_PVDE BIT(0)
 #define PWR_CR2_PLS MASK(1, 3)
 #define PWR_CR2_PLS_6 FIELD(1, 3, 6)
-/* Disconnects the pull-downs of USB Type-C at pins PB4 and PB6. */
+/* This bit disconnects the pull-down resistors of USB Type-C from pins PB4 and PB6. */
 #define PWR_CR3_UCPD1_DBDIS BIT(14)
 #define PWR_SR2_VOSF BIT(10)
 #define PWR_SR2_PVDO BIT(11)
-/* 0 is range 1 boost, which more than 150 MHz require. */
+/* If this bit is 0, range 1 boost is selected, which is required above 150 MHz. */
 #define PWR_CR5_R1MODE BIT(8)
 
-/* Real-time clock, used as the second clock. */
+/* Registers of the real-time clock, which is used as the second clock. */
 
 typedef struct {
   reg_t TR;
@@ -149,7 +149,7 @@ typedef struct {
 #define RTC_KEY2 UINT32_C(0x53)
 #define RTC_KEY_NONE UINT32_C(0xFF)
 
-/* CRC unit. */
+/* Registers of the CRC unit. */
 
 typedef struct {
   reg_t DR;
@@ -161,7 +161,7 @@ typedef struct {
 
 #define CRC_CR_RESET BIT(0)
 
-/* Flash. */
+/* Registers of the flash. */
 
 typedef struct {
   reg_t ACR;
@@ -199,27 +199,29 @@ typedef struct {
 #define FLASH_CR_PG BIT(0)
 #define FLASH_CR_PER BIT(1)
 #define FLASH_CR_PNB(page) FIELD(3, 7, page)
-/* 1: the page is in bank 2 */
+/* If this bit is 1, the page is in bank 2. */
 #define FLASH_CR_BKER BIT(11)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
-/* Errors of the error correction: address, bank and system memory of a double word, whether one bit
- * of this double word was corrected (ECCC) or two bits are wrong (ECCD, which requests an NMI).
- * Writing 1 to ECCC or ECCD clears the bit. */
+/* Fields of the register of the error correction. ADDR_ECC, BK_ECC and SYSF_ECC: address of a
+ * double word with an error, whether it is in bank 2, and whether it is in the system memory. ECCC:
+ * one bit of this double word was corrected. ECCD: two of its bits are wrong, which requests an
+ * NMI. A write of 1 clears ECCC or ECCD. */
 #define FLASH_ECCR_ADDR_ECC MASK(0, 19)
 #define FLASH_ECCR_BK_ECC BIT(21)
 #define FLASH_ECCR_SYSF_ECC BIT(22)
 #define FLASH_ECCR_ECCIE BIT(24)
 #define FLASH_ECCR_ECCC BIT(30)
 #define FLASH_ECCR_ECCD BIT(31)
-/* Option bytes. Levels of the brown-out reset: 4 is the highest, 2.8 V; 0 is 1.7 V, as the chip is
- * delivered. BFB2: the chip starts from bank 2. DBANK: the flash has two banks. nSWBOOT0: pin PB8
- * selects where the chip starts, otherwise nBOOT0 selects it: 1 is the flash. */
+/* Fields of the option bytes. BOR_LEV: level of the brown-out reset; 4 is the highest level, 2.8 V,
+ * and 0 is 1.7 V, the level in a new chip. BFB2: the chip starts from bank 2. DBANK: the flash has
+ * two banks. nSWBOOT0: if 1, pin PB8 selects where the chip starts. Otherwise nBOOT0 selects it;
+ * the value 1 selects the flash. */
 #define FLASH_OPTR_BOR_LEV MASK(8, 3)
 #define FLASH_OPTR_BOR_LEV_4 FIELD(8, 3, 4)
 #define FLASH_OPTR_BFB2 BIT(20)
 #define FLASH_OPTR_DBANK BIT(22)
-/* 1: SRAM1 has no parity */
+/* If this bit is 1, SRAM1 has no parity. */
 #define FLASH_OPTR_SRAM_PE BIT(24)
 #define FLASH_OPTR_nSWBOOT0 BIT(26)
 #define FLASH_OPTR_nBOOT0 BIT(27)
@@ -230,7 +232,7 @@ typedef struct {
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
 
-/* Pins. */
+/* Registers of the pins. */
 
 typedef struct {
   reg_t MODER;
@@ -251,7 +253,8 @@ typedef struct {
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
 
-/* External interrupts: line n is pin n of the GPIO port that SYSCFG selects for this line. */
+/* Registers of the external interrupts. Line n is pin n of the GPIO port that SYSCFG selects for
+ * this line. */
 
 typedef struct {
   reg_t MEMRMP;
@@ -276,12 +279,13 @@ typedef struct {
 #define EXTI ((exti_t *)EXTI_BASE)
 
 #define EXTI_IMR1_IM3 BIT(3)
-/* Line 16 of the external interrupts is the voltage detector of the supply. */
+/* Line 16 of the external interrupts is the voltage detector for the supply voltage. */
 #define EXTI_IMR1_IM16 BIT(16)
 #define EXTI_RTSR1_RT16 BIT(16)
 #define EXTI_PR1_PIF16 BIT(16)
 
-/* Timers: timer 5 counts the encoder, timer 2 is the free-running counter, timer 4 is the tick. */
+/* Registers of the timers. Timer 5 counts the encoder, timer 2 is the free-running counter, and
+ * timer 4 is the timer of the tick. */
 
 typedef struct {
   reg_t CR1;
@@ -309,7 +313,8 @@ typedef struct {
 #define TIM5 ((tim_t *)TIM5_BASE)
 
 #define TIM_CR1_CEN BIT(0)
-/* The trigger output is the update event, which is the overflow of the counter. */
+/* With this value the trigger output of the timer is its update event, which is the overflow of the
+ * counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
 /* The internal trigger 3 of timer 5 is the trigger output of timer 4. */
@@ -321,11 +326,11 @@ typedef struct {
 #define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
-/* Channel 3 captures at the selected internal trigger. */
+/* With this value channel 3 captures the count at the selected internal trigger. */
 #define TIM_CCMR2_CC3S_TRC FIELD(0, 2, 3)
 #define TIM_CCER_CC3E BIT(8)
 
-/* Analog-to-digital converters. */
+/* Registers of the analog-to-digital converters (ADCs). */
 
 typedef struct {
   reg_t ISR;
@@ -358,7 +363,7 @@ typedef struct {
 #define ADC12_COMMON_BASE 0x50000300
 #define ADC12_COMMON ((adc_common_t *)ADC12_COMMON_BASE)
 
-/* Writing 1 clears a bit of ISR. */
+/* Bits of ISR. A write of 1 clears a bit. */
 #define ADC_ISR_ADRDY BIT(0)
 #define ADC_ISR_EOC BIT(2)
 #define ADC_ISR_EOS BIT(3)
@@ -369,7 +374,7 @@ typedef struct {
 #define ADC_CR_JADSTART BIT(3)
 #define ADC_CR_ADVREGEN BIT(28)
 #define ADC_CR_ADCAL BIT(31)
-/* 1: no queue of injected groups */
+/* If this bit is 1, there is no queue of injected groups. */
 #define ADC_CFGR_JQDIS BIT(31)
 #define ADC_SMPR1_SMP3_47 FIELD(9, 3, 4)
 #define ADC_SMPR1_SMP4_47 FIELD(12, 3, 4)
@@ -378,16 +383,16 @@ typedef struct {
 #define ADC_SQR1_SQ1_17 FIELD(6, 5, 17)
 #define ADC_SQR1_SQ1_18 FIELD(6, 5, 18)
 #define ADC_JSQR_JL_2 FIELD(0, 2, 1)
-/* Each rising edge of the trigger output of timer 4 starts the injected group. */
+/* With this value the trigger output of timer 4 starts the injected group. */
 #define ADC_JSQR_JEXTSEL_TIM4_TRGO FIELD(2, 5, 5)
 #define ADC_JSQR_JEXTEN_RISING FIELD(7, 2, 1)
 #define ADC_JSQR_JSQ1_3 FIELD(9, 5, 3)
 #define ADC_JSQR_JSQ2_4 FIELD(15, 5, 4)
-/* The clock is that of the bus divided by 4. */
+/* With this value the clock of the ADCs is the clock of the bus divided by 4. */
 #define ADC_CCR_CKMODE_HCLK_4 FIELD(16, 2, 3)
 #define ADC_CCR_VREFEN BIT(22)
 
-/* Digital-to-analog converter. */
+/* Registers of the digital-to-analog converter (DAC). */
 
 typedef struct {
   reg_t CR;
@@ -403,12 +408,12 @@ typedef struct {
 
 #define DAC_CR_EN1 BIT(0)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
-/* The output buffer of the DAC drives the pin. */
+/* With this value the output buffer of the DAC drives the pin. */
 #define DAC_MCR_MODE1_BUFFER FIELD(0, 3, 0)
-/* The bus is faster than 160 MHz. */
+/* This value is required if the clock of the bus is above 160 MHz. */
 #define DAC_MCR_HFSEL_160 FIELD(14, 2, 2)
 
-/* CAN controllers, and their message memories. */
+/* Registers of the CAN controllers, and their memories for frames. */
 
 typedef struct {
   reg_t CREL;
@@ -453,13 +458,13 @@ typedef struct {
 #define FDCAN_PSR_ACT MASK(3, 2)
 #define FDCAN_PSR_EP BIT(5)
 #define FDCAN_PSR_BO BIT(7)
-/* Writing 1 clears a bit of IR. */
+/* Bits of IR. A write of 1 clears a bit. */
 #define FDCAN_IR_RF0N BIT(0)
 #define FDCAN_IR_RF0L BIT(2)
 #define FDCAN_IR_TC BIT(7)
 #define FDCAN_IE_RF0NE BIT(0)
 #define FDCAN_IE_TCE BIT(7)
-/* 1: the group of interrupts of sent frames, TC and TCF, uses line 1 */
+/* If this bit is 1, the interrupts of sent frames (TC and TCF) use interrupt line 1. */
 #define FDCAN_ILS_SMSG BIT(2)
 #define FDCAN_ILE_EINT0 BIT(0)
 #define FDCAN_ILE_EINT1 BIT(1)
@@ -473,8 +478,8 @@ typedef struct {
 #define FDCAN_TXBRP_TRP MASK(0, 3)
 #define FDCAN_TXBTIE_TIE MASK(0, 3)
 
-/* The message memory of each controller: 28 filters, 8 extended filters, two FIFOs of 3 received
- * frames, 3 events, and 3 frames to send. */
+/* The memory for frames of each controller. It has 28 filters, 8 extended filters, two FIFOs with 3
+ * received frames each, 3 events, and 3 frames to send. */
 #define FDCAN_MEMORY_BASE 0x4000A400
 enum {
   FDCAN_MEMORY_WORDS = 212,
@@ -483,7 +488,7 @@ enum {
   FDCAN_FRAME_WORDS = 18
 };
 
-/* Serial line. */
+/* Registers of the serial line. */
 
 typedef struct {
   reg_t CR1;
@@ -513,13 +518,13 @@ typedef struct {
 #define USART_ISR_TXE BIT(7)
 #define USART_ICR_ORECF BIT(3)
 
-/* Unique device ID: three words. */
+/* Address of the unique device ID, which has three words. */
 #define UID_BASE 0x1FFF7590
 /* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.0 V, which
  * the manufacturer has measured. */
 #define VREFINT_CAL_BASE 0x1FFF75AA
 
-/* Independent watchdog. */
+/* Registers of the independent watchdog. */
 
 typedef struct {
   reg_t KR;
@@ -533,7 +538,7 @@ typedef struct {
 #define IWDG_SR_PVU BIT(0)
 #define IWDG_SR_RVU BIT(1)
 #define IWDG_PR_PR_16 FIELD(0, 3, 2)
-/* Keys of the watchdog register KR. */
+/* Values that are written to the register KR of the watchdog. */
 #define IWDG_KEY_FEED UINT32_C(0xAAAA)
 #define IWDG_KEY_ACCESS UINT32_C(0x5555)
 #define IWDG_KEY_START UINT32_C(0xCCCC)

@@ -11,7 +11,8 @@ void supply_init(void) {
   PWR->CR3 |= PWR_CR3_UCPD1_DBDIS;
   PWR->CR2 = (PWR->CR2 & ~PWR_CR2_PLS) | PWR_CR2_PLS_6;
   PWR->CR2 |= PWR_CR2_PVDE;
-  EXTI->RTSR1 |= EXTI_RTSR1_RT16; /* the detector's output rises when the supply falls */
+  /* the output of the voltage detector rises when the supply voltage falls */
+  EXTI->RTSR1 |= EXTI_RTSR1_RT16;
   EXTI->PR1 = EXTI_PR1_PIF16;
   EXTI->IMR1 |= EXTI_IMR1_IM16;
   NVIC->IPR0 = FIELD(8, 8, PRIORITY_SUPPLY);
@@ -29,9 +30,9 @@ void supply_interrupt(void) {
 
 bool supply_is_low(void) { return is_low; }
 
-/* Updates the state of the supply; call this function once in each tick. After an interrupt the
- * supply remains low until the detector reports a sufficient voltage. The state is reset before the
- * detector is read, so that an interrupt that comes later is not undone. */
+/* Updates the state of the supply voltage. Call this function once in each tick. After an interrupt
+ * the state remains low until the voltage detector reports a sufficient voltage. The state is reset
+ * before the detector is read, so an interrupt that occurs later is not lost. */
 void supply_look(void) {
   is_low = false;
   if ((PWR->SR2 & PWR_SR2_PVDO) != 0) {
@@ -39,11 +40,11 @@ void supply_look(void) {
   }
 }
 
-/* Returns true if the option bytes set the brown-out reset to the required level, the chip starts
- * from the first of two banks of the flash whatever the level of pin PB8, all pages of this bank,
- * which has the program, are protected from programming and erasing, and the RAM has no parity,
- * with which a read before the first write would be an error (memories.c). A new chip has other
- * option bytes. */
+/* Returns true if the option bytes are right. The brown-out reset must have the required level. The
+ * flash must have two banks, and the chip must start from the first bank for every level of pin
+ * PB8. This bank has the program, so all its pages must be protected from programming and erasing.
+ * The RAM must have no parity, because with parity a read before the first write would be an error
+ * (memories.c). A new chip has other option bytes. */
 bool option_bytes_are_right(void) {
   const uint32_t mask = FLASH_OPTR_BOR_LEV | FLASH_OPTR_BFB2 | FLASH_OPTR_DBANK |
                         FLASH_OPTR_SRAM_PE | FLASH_OPTR_nSWBOOT0 | FLASH_OPTR_nBOOT0;

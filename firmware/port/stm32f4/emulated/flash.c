@@ -23,7 +23,7 @@ void flash_file_read(int32_t file, uint32_t address, uint8_t *bytes, uint32_t co
   semihosting_read(file, bytes, count);
 }
 
-/* Programming changes ones to zeros only. */
+/* Programs bytes of the flash: as in a flash memory, bits change only from 1 to 0. */
 void flash_file_program(int32_t file, uint32_t address, const uint8_t *bytes, uint32_t count) {
   for (uint32_t i = 0; i < count; i++) {
     uint8_t byte;

@@ -1,5 +1,5 @@
-/* The functions of CAN, of the flash and of the wait for a tick, for QEMU's machine netduinoplus2.
- * ../../stm32/emulated.c replaces the other peripherals that this machine lacks. */
+/* Functions for the QEMU machine netduinoplus2: CAN, flash, and the wait for a tick.
+ * ../../stm32/emulated.c replaces the other peripherals that this machine does not have. */
 
 #include "firmware/fx/bytes.h"
 #include "firmware/port/emulated/host_link.h"
@@ -8,15 +8,16 @@
 #include "firmware/port/stm32/tick.h"
 #include "firmware/port/stm32f4/emulated/flash.h"
 
-/* Memories in the file of the flash (flash.h); there are none without this file. */
+/* Memories that are sectors in the file of the flash (flash.h). Without this file there are no
+ * memories. */
 
-static int32_t flash_file; /* descriptor of the file, which flash_memory() opens; negative without a
-                            * file */
+/* descriptor of the file of the flash, which flash_memory() opens; negative: there is no file */
+static int32_t flash_file;
 
 #define STORE_BEGIN UINT32_C(0x08004000)
 enum { STORE_SECTOR_BYTES = 0x4000 };
 
-/* A memory of two sectors, of which the second one follows the first one. */
+/* Reads bytes of a memory of two sectors. The second sector follows the first one in the file. */
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   flash_file_read(flash_file, (uint32_t)(uintptr_t)context + address, bytes, count);
 }
@@ -60,7 +61,7 @@ const store_memory_t *flash_slots(void) {
   return (flash_file < 0) ? NULL : &memory;
 }
 
-/* CAN in the emulator: a serial line transmits each frame as 12 bytes. */
+/* CAN in the emulator. Each CAN frame is transmitted as 12 bytes over a serial line. */
 
 enum { FRAME_BYTES = 12, POLLS_MAX = 500 };
 
@@ -116,10 +117,10 @@ bool port_can_transmit(const can_frame_t *frame) {
 }
 
 /* Waits for the next interrupt. The emulated USART requests an interrupt when a byte is received,
- * but not when a byte can be sent, so the interrupt is requested here. With a host the function
- * waits for the next tick without wfi, because in wfi QEMU, which counts instructions, doubles the
- * period of every timer. The main loop makes no further cycle meanwhile, because its register
- * accesses are slow. */
+ * but not when a byte can be sent. So the interrupt for sending is requested here. If there is a
+ * host, the function waits for the next tick without the instruction wfi: QEMU, which counts
+ * instructions, doubles the period of every timer in wfi. The main loop makes no further pass
+ * during this wait, because its register accesses are slow. */
 void port_idle(void) {
   static uint32_t seen;
   if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {

@@ -1,5 +1,6 @@
-/* This chip in an emulator of another STM32 with the same processor and the same memories: buses
- * are missing, and ../../stm32/emulated.c replaces the other peripherals. */
+/* Functions for this chip in an emulator of another STM32, which has the same processor and the
+ * same memories. The emulated board has no CAN and no serial line. ../../stm32/emulated.c replaces
+ * the other peripherals. */
 
 #include <stddef.h>
 
@@ -34,14 +35,14 @@ bool port_can_receive(can_frame_t *frame) {
   return false;
 }
 
-/* Discards the frame, as a bus without other nodes would not keep it for ever. */
+/* Discards the frame, because a bus without other nodes would not keep it for ever either. */
 bool port_can_transmit(const can_frame_t *frame) {
   (void)frame;
   return true;
 }
 
-/* Waits for the next tick without wfi, because in wfi QEMU, which counts instructions, doubles the
- * period of every timer. */
+/* Waits for the next tick. The instruction wfi is not used: QEMU, which counts instructions,
+ * doubles the period of every timer in wfi. */
 void port_idle(void) {
   static uint32_t seen;
   while (host_link_is_open() && tick_entries() == seen) {
