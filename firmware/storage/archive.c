@@ -8,7 +8,8 @@
 enum { IDLE, CHECKING, WRITING, LOADING };
 enum { PIECE_BYTES = 16, READ_BYTES = 64 };
 
-/* Offsets in bytes of the words about an incident, from the head of its record. */
+/* Offsets in bytes, from the begin of the record of an incident, of the words that describe the
+ * incident. */
 enum {
   ABOUT_TICK = RECORD_HEAD_BYTES,
   ABOUT_CRC = ABOUT_TICK + 4,
@@ -25,7 +26,7 @@ static uint32_t end_of(const record_t *record) {
 
 static uint32_t mark_of(const record_t *record) { return end_of(record) - ARCHIVE_CLEARED_BYTES; }
 
-/* Reads the head of a record. Returns true if the values in the head are plausible; the CRC of the
+/* Reads the head of a record. Returns true if the values in the head are permitted. The CRC of the
  * record is checked later. */
 static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < archive_bytes(0)) {
@@ -59,8 +60,8 @@ static sector_t read_sector(const store_memory_t *memory, uint32_t number) {
   return sector;
 }
 
-/* Returns true if this range of the memory is blank. Bytes that are not blank can be left by a
- * power cut during a write. */
+/* Returns true if this range of the memory is blank. A power cut during a write can leave bytes
+ * that are not blank. */
 static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   uint8_t piece[READ_BYTES];
   uint32_t bits = UINT32_MAX;
@@ -75,12 +76,12 @@ static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return bits == UINT32_MAX;
 }
 
-/* Finds the address for the next record: after the newest record, or at the start of the other
- * sector, which is then erased. */
+/* Finds the address for the next record. It is after the newest record, or at the start of the
+ * other sector. In the second case the other sector is erased. */
 static uint32_t find_room(const store_memory_t *memory, const sector_t *home, const sector_t *other,
                           uint8_t other_number, uint32_t bytes) {
-  /* If a power cut has interrupted the writing of a record, the first bytes of this record are not
-   * blank. So only the first bytes are checked; a check of the whole sector would take long. */
+  /* If a power cut has interrupted the writing of a record, its first bytes are not blank. So only
+   * the first bytes are checked. A check of the whole sector would take too long. */
   if (home->end - home->next >= bytes && is_blank(memory, home->next, home->next + PIECE_BYTES)) {
     return home->next;
   }
@@ -134,8 +135,8 @@ void archive_init(archive_t *archive, const store_memory_t *memory, uint32_t sam
   }
 }
 
-/* Ends the check of a record. A record with a correct CRC becomes the archived incident, unless
- * this incident was cleared. */
+/* Ends the check of a record. If its CRC is correct and its incident was not cleared, the record
+ * becomes the archived incident. */
 static void end_check(archive_t *archive, bool is_right) {
   const store_memory_t *memory = archive->memory;
   archive->step = IDLE;
@@ -193,7 +194,8 @@ static void pack(uint8_t piece[PIECE_BYTES], uint32_t a, uint32_t b, uint32_t c,
   fx_store_le(piece + 12, d, 4);
 }
 
-/* Copies 16 bytes of the record, beginning at `offset`, into `piece`. */
+/* Copies 16 bytes of the record that is being written into `piece`, beginning at the offset
+ * `offset` in the record. */
 static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint32_t offset,
                      uint8_t piece[PIECE_BYTES]) {
   const record_t *record = &archive->record;
@@ -212,8 +214,8 @@ static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint3
   }
 }
 
-/* Gives up a record that cannot be written completely. The sector with this record is not used
- * until the next power-up. */
+/* Ends the writing of a record that cannot be written completely. The sector with this record is
+ * not used until the next power-up. */
 static void give_up(archive_t *archive) {
   archive->record = archive->before;
   archive->before = none;
@@ -280,8 +282,8 @@ static void step_load(archive_t *archive, blackbox_t *blackbox) {
                    (uint16_t)fx_field(count_word, 0, 16), (uint16_t)fx_field(count_word, 16, 16));
 }
 
-/* Returns true if the incident must be archived: the archive does not have this incident, and no
- * incident was archived in the last 24 hours. */
+/* Returns true if the incident of the black box must be archived. This is so if the archive does
+ * not have this incident, and no incident was archived in the last 24 hours. */
 static bool is_due(const archive_t *archive, const blackbox_t *blackbox, uint32_t tick) {
   const bool is_known = archive->sequence != 0 && archive->samples_crc == blackbox->crc;
   return archive->begin != ARCHIVE_NOWHERE && !is_known &&

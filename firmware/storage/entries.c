@@ -7,11 +7,12 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects.h"
 
-/* Bit 24 of the first word of an entry: the stored parameter was at its default. */
+/* Bit 24 of the first word of an entry. It is 1 if the parameter had its default when it was
+ * stored. */
 #define ENTRY_AT_DEFAULT UINT32_C(0x01000000)
 
-/* Returns the change of the object table since version 0.1.0 at this address, or NULL if nothing
- * changed at this address. */
+/* Returns the change of the object at this address since version 0.1.0 of the object table, or NULL
+ * if the object has not changed. */
 static const axis_change_t *change_at(uint32_t address) {
   const axis_change_t *change = axis_changes_0_1_0;
   while (change->address != 0 && change->address != address) {
@@ -20,7 +21,7 @@ static const axis_change_t *change_at(uint32_t address) {
   return (change->address != 0) ? change : NULL;
 }
 
-/* Returns the node id if the default of the object contains the node id, otherwise 0. */
+/* Returns the node id if the default of the object contains the node id. Otherwise returns 0. */
 static uint32_t entry_node_id(const dictionary_t *objects, uint16_t object) {
   int32_t node_id = 0;
   if (axis_objects[object].node_id != 0) {
@@ -83,8 +84,8 @@ static bool has_entry(const store_memory_t *memory, const record_t *record, uint
   return found;
 }
 
-/* Finds the next parameter that a parameter set of version 0.1.0 does not contain because the
- * parameter was at its default. */
+/* A parameter set of version 0.1.0 does not contain parameters that had their default. Finds the
+ * next such parameter that has changed in the object table since then. */
 static bool next_omitted(const store_memory_t *memory, const dictionary_t *objects,
                          entries_t *entries, entry_t *entry) {
   const axis_change_t *change = entries->change;
@@ -128,7 +129,7 @@ int32_t entries_value(const store_memory_t *memory, const dictionary_t *objects,
   return fx_s32_from_u32((uint32_t)axis_objects[object].initial + entry_node_id(objects, object));
 }
 
-/* Returns the address of an object: CANopen index times 256 plus sub-index. */
+/* Returns the address of an object, which is its CANopen index times 256 plus its sub-index. */
 static uint32_t address_of(uint16_t object) {
   uint32_t found = 0;
   for (uint16_t i = 0; i < AXIS_ADDRESSES_COUNT; i++) {

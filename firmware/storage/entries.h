@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_STORAGE_ENTRIES_H_
 #define FIRMWARE_STORAGE_ENTRIES_H_
 
-/* The entries of a stored parameter set (record.h), interpreted with the present object table.
- * store.h describes what an entry contains. */
+/* Functions that interpret the entries of a stored parameter set (record.h) with the present object
+ * table. store.h describes the contents of an entry. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,9 +12,10 @@
 
 enum { ENTRY_BYTES = 12 };
 
-/* Result of the comparison of a stored entry with the present object table. ENTRY_INERT is the
- * result for a stored PDO mapping whose object can no longer be mapped. The PDO then has no mapped
- * object, because the default mapping would shift the following objects in the frame. */
+/* Result of the comparison of a stored entry with the present object table. ENTRY_INERT means that
+ * the entry is a PDO mapping whose object can no longer be mapped. The PDO then has no mapped
+ * objects. With the default mapping instead, the following objects would be at wrong places in the
+ * frame. */
 typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_INERT, ENTRY_DROPPED } verdict_t;
 
 typedef struct {
@@ -24,12 +25,12 @@ typedef struct {
   verdict_t verdict;
 } entry_t;
 
-/* Iterator over the entries of one record. */
+/* An iterator over the entries of one record. */
 typedef struct {
   record_t record;
   uint32_t next; /* offset in bytes of the next entry */
-  /* next change of the object table since version 0.1.0; used only for a parameter set of version
-   * 0.1.0 */
+  /* next change of the object table since version 0.1.0. This field is used only for a parameter
+   * set of version 0.1.0 */
   const axis_change_t *change;
 } entries_t;
 
@@ -39,13 +40,13 @@ entries_t entries_of(const record_t *record);
 bool entries_next(const store_memory_t *memory, const dictionary_t *objects, entries_t *entries,
                   entry_t *entry);
 
-/* Returns the stored value of an object in a record, or the default of the object if no entry of
- * the record matches. The magic of the record may be RECORD_NONE. The cost is that of
- * entries_next() for all earlier entries. */
+/* Returns the value of an object that is stored in a record. If no entry of the record matches,
+ * returns the default of the object. The magic of the record may be RECORD_NONE. Cost:
+ * entries_next() for each earlier entry of the record. */
 int32_t entries_value(const store_memory_t *memory, const dictionary_t *objects,
                       const record_t *record, uint16_t object);
 
-/* Writes the bytes of an entry that stores this value for an object. */
+/* Computes the bytes of an entry that stores the value `value` of an object. */
 void entry_write(uint8_t entry[ENTRY_BYTES], const dictionary_t *objects, uint16_t object,
                  int32_t value);
 

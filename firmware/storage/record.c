@@ -4,7 +4,8 @@
 
 enum { PIECE_BYTES = 16 };
 
-/* Returns true for a first word that marks programs, counts or a copy, and not a parameter set. */
+/* Returns true if `magic`, the first word of a record, marks cycle programs, counts of parts or a
+ * copy, and not a parameter set. */
 static bool is_part(uint32_t magic) {
   return magic == RECORD_PROGRAMS || magic == RECORD_COUNTS || magic == RECORD_COPY;
 }
@@ -45,7 +46,8 @@ uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32
   return crc;
 }
 
-/* Returns true if the size of the entries is a multiple of the size of one entry. */
+/* Returns true if the total size of the entries of a record is a multiple of the size of one
+ * entry. */
 static bool are_whole(const record_t *record) {
   const uint32_t size = record_entry_bytes(record->magic);
   uint32_t remaining = record->entries;
@@ -55,7 +57,7 @@ static bool are_whole(const record_t *record) {
   return remaining == 0;
 }
 
-/* Reads the head of a record. Returns true if a record with this head can exist. */
+/* Reads the head of a record. Returns true if the values in the head are permitted. */
 static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < record_bytes(0)) {
     return false;
@@ -99,7 +101,7 @@ uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
   return tail;
 }
 
-/* Adds a complete record to the contents of a sector. */
+/* Stores a complete record, which was found in a sector, in the description of this sector. */
 static void note(record_sector_t *sector, record_t sets[2], const record_t *record) {
   if (is_set(record->magic)) {
     sort_in(sets, record);
@@ -112,8 +114,8 @@ static void note(record_sector_t *sector, record_t sets[2], const record_t *reco
   }
 }
 
-/* Returns true if the address `at` is one at which a record may begin, its word is not blank, and
- * the next word is blank: the writing of a record was interrupted after one word. */
+/* Returns true if the writing of a record was interrupted after its first word. Then a record may
+ * begin at the address `at`, the word at this address is not blank, and the next word is blank. */
 static bool is_single(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return (at & 15u) == 0 && end - at > 4 && record_word(memory, at) != UINT32_MAX &&
          record_word(memory, at + 4) == UINT32_MAX;
@@ -126,8 +128,8 @@ bool record_is_copied(const store_memory_t *memory, uint32_t sector) {
          record_word(memory, end - RECORD_MARK_END) == UINT32_MAX;
 }
 
-/* Returns the number of bytes to skip at `at`, where no complete record begins: the space of an
- * interrupted record, or one word. */
+/* No complete record begins at the address `at`. Returns the number of bytes that must be skipped
+ * there: the space of an interrupted record, or one word. */
 static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bool has_head,
                      const record_t *record, record_sector_t *sector) {
   const uint32_t word = record_word(memory, at);
@@ -141,7 +143,8 @@ static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bo
   return 4;
 }
 
-/* Reads one sector. Returns the highest sequence number of its complete records. */
+/* Reads one sector and describes its contents in *sector. Returns the highest sequence number of
+ * its complete records. */
 static uint32_t survey(const store_memory_t *memory, uint32_t begin, record_sector_t *sector,
                        record_t sets[2]) {
   const uint32_t end = begin + memory->sector_bytes;

@@ -6,7 +6,8 @@
 
 _Static_assert(sizeof(slot_trailer_t) == SLOT_TRAILER_BYTES, "read by other programs");
 
-enum { LENGTH_MIN = 8 }; /* smallest length of an image in bytes: two vectors, stack and start-up */
+/* smallest length of an image in bytes: the vector of the stack and the vector of the start-up */
+enum { LENGTH_MIN = 8 };
 
 const slot_trailer_t *slots_trailer(const uint32_t *slot, uint32_t slot_bytes) {
   const void *trailer = (const uint8_t *)slot + slot_bytes - SLOT_TRAILER_BYTES;
@@ -21,7 +22,8 @@ uint32_t slots_next_try(const slot_trailer_t *trailer) {
   return number;
 }
 
-/* Returns true if an image with this trailer may be started, provided that its CRC is right. */
+/* Returns true if the trailer permits a start of its image. The CRC of the image is not checked
+ * here. */
 static bool may_start(const slot_trailer_t *trailer, uint32_t slot_bytes) {
   const bool is_length = trailer->length >= LENGTH_MIN && (trailer->length & 3u) == 0 &&
                          trailer->length <= SLOT_IMAGE_BYTES_MAX &&
@@ -31,7 +33,7 @@ static bool may_start(const slot_trailer_t *trailer, uint32_t slot_bytes) {
   return trailer->magic == SLOT_MAGIC && is_length && is_permitted;
 }
 
-/* Returns the CRC-32 of `count` bytes. */
+/* Returns the CRC-32 of the `count` bytes at `bytes`. */
 static uint32_t crc_of(const uint8_t *bytes, uint32_t count) {
   uint32_t crc = UINT32_MAX;
   for (uint32_t i = 0; i < count; i++) {

@@ -12,7 +12,8 @@ enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 /* Offset in bytes, from the begin of a record, of the word with the size of its entries. */
 enum { ENTRIES_WORD = 12 };
 
-/* Number of records with counts of parts for which a sector has room beside the largest library. */
+/* Number of records with counts of parts for which a sector always has room, even with the largest
+ * library of cycle programs. */
 enum { COUNTS_RESERVED = 8 };
 
 enum {
@@ -26,14 +27,14 @@ enum {
   STEP_READ_BACK
 };
 
-/* Kinds of jobs of the store: write parameters, write the mark that all defaults are restored, or
- * write extra records. */
+/* Kinds of jobs of the parameter store. JOB_SAVE: write the parameters. JOB_FORGET: write the mark
+ * that all defaults are restored. JOB_PARTS: write extra records. */
 enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
 
-/* The records that a job writes, in the order of writing. */
+/* The records that a job of the store writes, in the order in which it writes them. */
 enum {
   ITEM_COPY,
-  ITEM_PARTS, /* the first extra record */
+  ITEM_PARTS, /* first of the extra records */
   ITEM_SET = ITEM_PARTS + STORE_PARTS,
   ITEM_END
 };
@@ -51,8 +52,8 @@ void store_init(store_t *store, const store_memory_t *memory) {
 }
 
 /* Returns true if the parameter set of a record can be loaded. If the set belongs to the present
- * object table, all its entries must match the table. The entries of another table are compared one
- * by one during the load. */
+ * object table, all its entries must match the table. The entries of a set of another table are
+ * compared with the present table when they are loaded. */
 static bool is_usable(const store_t *store, const dictionary_t *objects, const record_t *record) {
   bool usable = record->magic == RECORD_SET || record->magic == RECORD_FORGOTTEN ||
                 (record->magic == RECORD_SET_0_1_0 && record->hash == AXIS_OBJECTS_HASH32_0_1_0);
@@ -66,8 +67,8 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
   return usable;
 }
 
-/* Stores the address of a parameter that does not have its stored value, or that keeps the default
- * of an earlier object table. */
+/* Reports a parameter in the list of changes of the store: it does not have its stored value, or it
+ * keeps the default of an earlier object table. */
 static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
@@ -78,8 +79,8 @@ static void note_change(store_t *store, const entry_t *entry) {
   store->dropped = dropped ? 1 : store->dropped;
 }
 
-/* Restores the value of an entry to its object if the object belongs to `block`. AXIS_BLOCK_NONE
- * stands for every block. */
+/* Sets the object of an entry to the stored value if the object belongs to the block `block`.
+ * AXIS_BLOCK_NONE means every block. */
 static void restore(dictionary_t *objects, const entry_t *entry, uint8_t block) {
   if (entry->verdict != ENTRY_DROPPED &&
       (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
@@ -93,7 +94,7 @@ static uint32_t sector_of(const store_t *store, uint32_t at) {
   return (at < store->memory->sector_bytes) ? 0 : 1;
 }
 
-/* Returns the offset in bytes, from the start of the sector, at which a record ends. */
+/* Returns the offset in bytes, from the start of its sector, at which a record ends. */
 static uint32_t end_of(const store_t *store, const record_t *record) {
   const uint32_t sector = sector_of(store, record->begin);
   return record->begin - sector * store->memory->sector_bytes + record_bytes(record->entries);
@@ -107,9 +108,9 @@ static void find_part(store_t *store, uint8_t part, const record_t *record) {
   store->found_bytes[part] = exists ? record->entries : 0;
 }
 
-/* Sets the sector of a parameter set as the home of the store. The next record is programmed after
- * all bytes of the sector that are not blank. The CRC of the newest set may look like blank
- * bytes. */
+/* Makes the sector of the parameter set `record` the home of the store. The next record is
+ * programmed after the last byte of this sector that is not blank, and not before the end of this
+ * set, because the CRC of the set may look like blank bytes. */
 static void settle(store_t *store, const record_sector_t sectors[2], const record_t *record) {
   store->home = sector_of(store, record->begin);
   const record_sector_t *home = &sectors[store->home];
@@ -119,8 +120,9 @@ static void settle(store_t *store, const record_sector_t sectors[2], const recor
   find_part(store, STORE_COUNTS, &home->counts);
 }
 
-/* Returns true if the memory has bytes that only a newer parameter set can have left: bytes after
- * the last set, or a used sector without a complete set that was not to become a copy. */
+/* Returns true if the memory has bytes of a newer parameter set that is not complete. They are
+ * bytes after the last set, or a used sector that has no complete set and was not being written as
+ * a copy. */
 static bool has_remains(const store_t *store, const record_sector_t sectors[2]) {
   const record_sector_t *home = &sectors[store->home];
   const record_sector_t *other = &sectors[other_sector(store->home)];
@@ -139,7 +141,7 @@ static uint8_t state_of_loaded(const store_t *store, bool older) {
                                     : AXIS_STORE_STATE_LOADED;
 }
 
-/* Loads the entries of a parameter set, and stores which parameters have changed. */
+/* Loads the entries of a parameter set, and reports the parameters that have changed. */
 static void load_entries(store_t *store, dictionary_t *objects, const record_t *record) {
   store->set = record->begin;
   entries_t entries = entries_of(record);
@@ -152,7 +154,8 @@ static void load_entries(store_t *store, dictionary_t *objects, const record_t *
   }
 }
 
-/* Returns the state of a memory without a complete parameter set. */
+/* Returns the state of the store (AXIS_STORE_STATE_) if the memory has no complete parameter
+ * set. */
 static uint8_t state_without_set(store_t *store, const record_sector_t sectors[2]) {
   const bool is_empty = (sectors[0].tail == 0 || sectors[0].is_copy != 0) &&
                         (sectors[1].tail == 0 || sectors[1].is_copy != 0);
@@ -210,7 +213,7 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   return true;
 }
 
-/* Returns the size in bytes of the entries of one record that this job writes. */
+/* Returns the size in bytes of the entries of the record `item` that the present job writes. */
 static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
   if (is_part(item)) {
     return store->parts[item - ITEM_PARTS].count;
@@ -222,12 +225,14 @@ static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
                                   : store->basis.entries;
 }
 
-/* Returns the address after the entries of the record, at which its CRC begins. */
+/* Returns the address of the end of the entries of the record that is being written. The CRC of the
+ * record begins there. */
 static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
 
-/* Begins the next record of the job at an address. If no record is left, the job has ended. */
+/* Begins the next record of the job, from `item` on, at the address `at`. If there is no more
+ * record, the job ends. */
 static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   while (item < ITEM_END && (store->items & fx_bit(item)) == 0) {
     item = (uint8_t)(item + 1);
@@ -242,8 +247,8 @@ static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   store->step = (item < ITEM_END) ? STEP_HEAD : STEP_IDLE;
 }
 
-/* Returns the records to write to a sector that becomes the home of the store. A copy begins with a
- * mark. */
+/* Returns the set of the records that are written to a sector before it becomes the home of the
+ * store. A copy begins with a mark. */
 static uint8_t items_of_sector(const store_t *store) {
   uint32_t items = fx_bit(ITEM_SET) | ((store->job == JOB_PARTS) ? fx_bit(ITEM_COPY) : 0);
   for (uint32_t i = 0; i < STORE_PARTS; i++) {
@@ -252,8 +257,9 @@ static uint8_t items_of_sector(const store_t *store) {
   return (uint8_t)items;
 }
 
-/* Begins the job in a sector that is not the home of the store, which is erased first. A mark of an
- * earlier copy, which was abandoned, does not hold for a save of parameters. */
+/* Begins the present job in a sector that is not the home of the store. This sector is erased
+ * first. If the home still has the mark of an earlier copy that was abandoned, a save of parameters
+ * ends the mark first. */
 static void begin_in_other(store_t *store, uint32_t sector) {
   const bool is_marked = store->home != STORE_NOWHERE && store->job != JOB_PARTS &&
                          record_is_copied(store->memory, store->home);
@@ -263,12 +269,13 @@ static void begin_in_other(store_t *store, uint32_t sector) {
   store->step = is_marked ? STEP_UNMARK : STEP_ERASE;
 }
 
-/* Returns the address of the mark in the home of the store. */
+/* Returns the address of the mark in the home of the store that announces a copy. */
 static uint32_t mark_of(const store_t *store) {
   return (store->home + 1) * store->memory->sector_bytes - RECORD_MARK;
 }
 
-/* Begins to copy the home of the store to the other sector. The home is marked first. */
+/* Begins to copy the contents of the home of the store to the other sector. A mark is written to
+ * the home first. */
 static void begin_copy(store_t *store) {
   if (store->home == STORE_NOWHERE || record_word(store->memory, mark_of(store)) != UINT32_MAX) {
     begin_in_other(store, other_sector(store->home));
@@ -279,7 +286,7 @@ static void begin_copy(store_t *store) {
   begin_item(store, mark_of(store), 0);
 }
 
-/* Returns the size of all records of this job. */
+/* Returns the sum of the sizes in bytes of all records that the present job writes. */
 static uint32_t bytes_of_job(const store_t *store) {
   uint32_t bytes = 0;
   for (uint8_t i = 0; i < ITEM_END; i++) {
@@ -288,15 +295,16 @@ static uint32_t bytes_of_job(const store_t *store) {
   return bytes;
 }
 
-/* Returns the number of free bytes in the home of the store, the sector with the newest set. */
+/* Returns the number of free bytes in the home of the store, which is the sector with the newest
+ * set. */
 static uint32_t room_of(const store_t *store) {
   const uint32_t used = store->tail + RECORD_MARK;
   const uint32_t bytes = store->memory->sector_bytes;
   return (store->home == STORE_NOWHERE || used > bytes) ? 0 : bytes - used;
 }
 
-/* Begins a job. In the home of the store it writes the records `items`, in the other sector all
- * records. */
+/* Begins a job of the kind `job`. If the home of the store has room, the job writes the records
+ * `items` there. Otherwise it writes all records to the other sector. */
 static void begin_job(store_t *store, uint8_t job, uint8_t items) {
   store->job = job;
   store->again = 0;
@@ -342,8 +350,8 @@ int store_save(store_t *store) {
   return begin_save(store, &none, AXIS_OBJ_NONE, AXIS_OBJ_COUNT);
 }
 
-/* Reads the head of the loaded set. Without a set `record` is RECORD_NONE. Returns false if the set
- * is damaged. */
+/* Reads the head of the loaded parameter set. If no set is loaded, the magic of *record becomes
+ * RECORD_NONE. Returns false if the set is damaged. */
 static bool read_set(const store_t *store, record_t *record) {
   record->magic = RECORD_NONE;
   if (store->memory == NULL || store->set == STORE_NOWHERE) {
@@ -363,8 +371,8 @@ int store_save_only(store_t *store, uint16_t first, uint16_t last) {
 
 int store_forget(store_t *store) { return begin(store, JOB_FORGET); }
 
-/* Ends the attempt to write the record in this sector. Begins a second attempt in the other sector,
- * if that sector does not contain the newest parameter set. */
+/* Ends the attempt to write the record in the present sector. If the other sector does not contain
+ * the newest parameter set, begins a second attempt in that sector. */
 static uint8_t give_up(store_t *store) {
   const uint32_t other = other_sector(store->sector);
   if (store->sector == store->home) {
@@ -400,7 +408,7 @@ static uint8_t begin_parts(store_t *store) {
   return AXIS_STORE_STATE_SAVING;
 }
 
-/* Programs the next bytes of the record. Returns false if the memory reports a failure. */
+/* Programs `count` bytes at the address `at`. Returns false if the memory reports a failure. */
 static bool program_at(const store_t *store, uint32_t at, const uint8_t *bytes, uint32_t count) {
   fx_assert(count <= 16 && at + count <= 2 * store->memory->sector_bytes);
   return store->memory->program(store->memory->context, at, bytes, count);
@@ -431,7 +439,7 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the next step of a record, after the bytes programmed so far. */
+/* Returns the step that follows for the record after the bytes that were programmed so far. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
@@ -461,7 +469,7 @@ static bool step_head(store_t *store) {
   store->crc = record_crc(store->crc, head, sizeof(head));
   bool done = true;
   if (store->item == ITEM_SET) {
-    /* The first word of a set comes last (record.h). */
+    /* The first word of a parameter set is programmed last (record.h). */
     done = program_at(store, store->begin + 4, &head[4], sizeof(head) - 4) &&
            program_at(store, store->begin, head, 4);
   } else {
@@ -472,12 +480,12 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-/* Returns the value that the save stores for the next object. */
+/* Returns the value of the next object that the present save stores. */
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {
-    /* Without a stored parameter set the first motion test is on at power-up. The first motion test
-     * must stay on after this save. */
+    /* If no parameter set is stored, the first motion test is on at power-up. It must stay on after
+     * this save. */
     const bool has_none = store->basis.magic == RECORD_NONE;
     return (has_none && store->object == AXIS_OBJ_FIRST_MOTION_TEST)
                ? AXIS_FIRST_MOTION_TEST_ON
@@ -487,7 +495,7 @@ static int32_t value_to_save(const store_t *store, const dictionary_t *objects) 
   return value;
 }
 
-/* Programs the next bytes of an extra record, or of a set that is copied. */
+/* Programs the next bytes of an extra record, or of a parameter set that is copied. */
 static bool step_bytes(store_t *store) {
   const uint32_t end = entries_end(store);
   const uint32_t offset = store->at - store->begin - RECORD_HEAD_BYTES;
@@ -529,8 +537,8 @@ static bool step_crc(store_t *store) {
   return done;
 }
 
-/* Ends a record that was read back, and begins the next one. A complete set makes its sector the
- * home of the store, and a mark at the end of the home is followed by the copy. */
+/* Ends a record that was read back, and begins the next record. After a complete parameter set, its
+ * sector becomes the home of the store. After a mark at the end of the home, the copy begins. */
 static void end_item(store_t *store, uint32_t end) {
   const uint32_t tail = end - store->sector * store->memory->sector_bytes;
   const bool is_home = store->sector == store->home;
@@ -569,7 +577,7 @@ static bool step_read_back(store_t *store) {
   return true;
 }
 
-/* Ends the validity of the mark in the home of the store. */
+/* Makes the mark in the home of the store invalid. */
 static bool unmark(store_t *store) {
   static const uint8_t zeros[4] = {0, 0, 0, 0};
   return program_at(store, mark_of(store) + RECORD_MARK - RECORD_MARK_END, zeros, sizeof(zeros));
@@ -633,7 +641,8 @@ void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool chang
 }
 
 /* Returns true if the home of the store has no room for the next counts, but the other sector would
- * have room. Without a change of the sector the next power-up would have to wait for an erase. */
+ * have room. The store then continues in the other sector. Otherwise the next power-up would have
+ * to wait for an erase. */
 static bool lacks_room(const store_t *store) {
   const uint32_t counts = record_space(STORE_COUNTS_BYTES);
   if (store->home == STORE_NOWHERE || store->may_move == 0 ||
@@ -675,7 +684,8 @@ void store_parts_tick(store_t *store, const dictionary_t *objects) {
   store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
 }
 
-/* The bytes that were programmed so far, and those that the head announces, stay unused. */
+/* Abandons a write of extra records. The bytes that were programmed so far are not used, and
+ * neither is the space that the head of the record announces. */
 void store_abandon(store_t *store) {
   if (store->step == STEP_IDLE || store->job != JOB_PARTS) {
     return;
