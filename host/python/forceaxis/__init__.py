@@ -1,8 +1,8 @@
 """forceaxis: firmware for force-controlled machine axes, and a simulator that tests the firmware.
 
-`Experiment` and its `Result` simulate an axis, `Axis` controls a real one; `linear`, `loops`,
-`modes`, `beam` and `resonance` compute in the frequency domain. A module is loaded when one of its
-names is first used.
+`Experiment` simulates an axis and returns a `Result`. `Axis` controls a real axis. The modules
+`linear`, `loops`, `modes`, `beam` and `resonance` compute in the frequency domain. Each module of
+the package is loaded when one of its names is first used.
 """
 
 import importlib

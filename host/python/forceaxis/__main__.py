@@ -1,4 +1,5 @@
-"""The programs of this package: `forceaxis`, and the node programs of a build.
+"""Entry points of the programs of this package: `forceaxis`, and the compiled programs axis_linux,
+axis_node, plant_node and gateway.
 
 Ctrl-C ends `forceaxis` at any time, also while modules are loaded, with status 130 and one line.
 """
@@ -18,7 +19,8 @@ def main() -> None:
         raise KeyboardInterrupt
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
-        # Python ignores an exception in a destructor, therefore the interrupt is raised again.
+        # Python ignores exceptions in a destructor.
+        # Therefore this function raises the interrupt again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:
@@ -45,22 +47,24 @@ def main() -> None:
 
 
 def axis_linux() -> None:
-    """Runs the program `axis_linux`: the axis as a real-time process with a drive on CANopen."""
+    """Runs the program `axis_linux`, the firmware as a real-time process of Linux that controls a
+    drive over CANopen."""
     _become("axis_linux")
 
 
 def axis_node() -> None:
-    """Runs the program `axis_node`: the firmware on a bus."""
+    """Runs the program `axis_node`, the firmware as a process that is connected to a bus."""
     _become("axis_node")
 
 
 def plant_node() -> None:
-    """Runs the program `plant_node`: the simulated plant on a bus."""
+    """Runs the program `plant_node`, the simulated plant as a process that is connected to a
+    bus."""
     _become("plant_node")
 
 
 def gateway() -> None:
-    """Runs the program `gateway`: CANopen master, LCM and Modbus TCP."""
+    """Runs the program `gateway`, which connects axes on CANopen with LCM and Modbus TCP."""
     _become("gateway")
 
 

@@ -33,7 +33,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# {verdict: colour} for lines and marks, and for areas.
+# VERDICT gives the colour of lines and marks for each verdict, AREA gives the colour of areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
@@ -53,8 +53,9 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-SVG_BYTES_MAX = 400_000  # largest size of an SVG in a page in bytes; a larger plot becomes a PNG
-# Escapes for characters that would end an attribute or begin a fragment or escape in a data URI.
+# largest size in bytes of an SVG image in a page; a larger plot is written as PNG
+SVG_BYTES_MAX = 400_000
+# Replacements for characters with a special meaning in an HTML attribute or a data URI.
 URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
@@ -100,15 +101,15 @@ def legend(
     where: Axes | Figure, handles: Sequence[Artist] | None = None, **layout: Unpack[LegendOptions]
 ) -> Legend:
     """Adds a small legend without a frame to axes or to a Matplotlib figure. `handles`: the drawn
-    objects in the legend, by default those with a label."""
+    objects that the legend lists. By default, the legend lists all drawn objects with a label."""
     if handles is None:
         return where.legend(fontsize=7, frameon=False, **layout)
     return where.legend(handles=handles, fontsize=7, frameon=False, **layout)
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Labels a logarithmic axis with numbers without powers of ten. An axis of less than two
-    decades has labels at 1, 2 and 5 of each decade."""
+    """Labels a logarithmic axis of a plot with plain numbers, not with powers of ten. An axis of
+    less than two decades has labels at 1, 2 and 5 of each decade."""
     low, high = sorted(axis.get_view_interval())
     short = high < 100 * low
     axis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5) if short else (1,)))
@@ -131,8 +132,8 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """Returns the name that a plot shows for the file of an axis. The name is the folder name for a
-    file "model", otherwise the file name."""
+    """Returns the name that a plot shows for a model file. If the file is called "model", the plot
+    shows the name of its folder, otherwise the file name."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
@@ -145,8 +146,8 @@ def check_name(path: Path | str | None) -> None:
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
-    """Writes a plot to a file. `kind` is the file format, by default the suffix of `path`. Equal
-    plots give equal bytes."""
+    """Writes a plot to a file. `kind` is the file format, by default the suffix of `path`. Two
+    equal plots give files with equal bytes."""
     if kind is None:
         check_name(path)
         kind = Path(path).suffix[1:]
@@ -156,8 +157,8 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
 
 
 def short_svg(svg: str) -> str:
-    """Returns the SVG of a Matplotlib figure in fewer characters, with the same appearance: without
-    metadata, with short paths, and with each style defined once, as a class."""
+    """Shortens the SVG text of a Matplotlib figure without a change of its appearance. The shorter
+    text has no metadata, has short paths, and defines each style once, as a class."""
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r">\s+<", "><", svg)
     svg = re.sub(r' d="([MLz\d.\s-]+)"', lambda path: f' d="{short_path(path[1])}"', svg)
@@ -173,15 +174,16 @@ def short_svg(svg: str) -> str:
     svg = svg.replace("</style>", f"{rules}</style>", 1)
     return re.sub(
         r"=\"([^\"'<>]*)\"", r"='\1'", svg
-    )  # a quotation mark has three characters in a URI
+    )  # a double quotation mark would become three characters in a URI
 
 
 def short_path(path: str) -> str:
-    """Returns a path of an SVG, which consists of the commands M, L and z, with coordinates in
-    tenths of a point relative to the point before. Rounding errors do not add up."""
+    """Returns a shorter text of an SVG path that consists of the commands M, L and z. Coordinates
+    are rounded to tenths of a point and are relative to the previous point. Rounding errors do not
+    add up."""
     found: list[str] = []
     last = (0, 0)
-    drawn = ""  # last command
+    drawn = ""  # last drawing command in the shorter text
     for command, x, y in re.findall(r"([ML]) ([-.\d]+) ([-.\d]+)|z", path):
         if not command:
             found.append("z")
@@ -201,16 +203,16 @@ def short_path(path: str) -> str:
 
 
 def _numbers(point: tuple[int, int]) -> str:
-    """Returns two coordinates in tenths of a point as text, without characters that SVG does not
-    need."""
+    """Returns two coordinates, given in tenths of a point, as text for SVG without unnecessary
+    characters."""
     x, y = (f"{value / 10:.1f}".removesuffix(".0") for value in point)
     x, y = (re.sub(r"^(-?)0(?=\.)", r"\1", value) for value in (x, y))
     return x + ("" if y.startswith("-") else " ") + y
 
 
 def uri(figure: Figure) -> str:
-    """Returns the plot as a data URI for a page, and closes the Matplotlib figure. The plot has no
-    background, so that the light or dark background of the page is visible."""
+    """Returns a plot as a data URI for an HTML page, and closes the Matplotlib figure. The plot is
+    transparent, so that the light or dark background of the page is visible."""
     text, image = io.StringIO(), io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None}, transparent=True)
@@ -228,12 +230,13 @@ def uri(figure: Figure) -> str:
 
 
 def page_style() -> str:
-    """Returns the common style sheet of all pages."""
+    """Returns the style sheet (CSS) that all HTML pages of the package have in common."""
     return resources.files("forceaxis").joinpath("page.css").read_text(encoding="utf-8")
 
 
 def finish(figure: Figure, ax: Axes, title: str) -> None:
-    """Sets title and layout of a plot, and removes the plot from the list of pyplot."""
+    """Sets title and layout of a plot, and closes the plot in pyplot, which would otherwise keep
+    it."""
     ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)

@@ -1,5 +1,5 @@
-"""Errors of the library, with one exception type for each error that a caller has to
-distinguish."""
+"""Exceptions of the library. Each error that a caller has to distinguish has its own exception
+type."""
 
 import importlib.util
 
@@ -19,13 +19,14 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without this method, an error of a worker process could not be passed to this process.
+        # Without this method, a worker process could not pass this exception to the main process.
         return type(self), (self.parameter, self.text)
 
 
 def expect_package(where: str, module: str, package: str, extra: str) -> None:
-    """Raises InputError, with `where`, if the `module` of a `package` is not installed. `extra` is
-    the optional part of forceaxis that installs the package."""
+    """Raises InputError if a Python package is not installed. `module` is a module of the package.
+    The error text begins with `where`. `extra` is the optional dependency group of forceaxis that
+    contains the package."""
     if importlib.util.find_spec(module) is None:
         raise InputError(
             f"{where}: expected the package {package}; install {package} with `pip install "

@@ -1,5 +1,6 @@
-"""Readers of files from users and other programs. A damaged or hostile file is refused with one
-line: each reader of the package reads through this module, or guards its parser with parsing().
+"""Readers of files from users and other programs. A damaged or hostile file is refused with an
+error text of one line. Each reader of the package therefore uses a function of this module, or runs
+its parser in the context parsing().
 
     with parsing(file, "a table of parts", "export it again"):
         rows = ...
@@ -34,13 +35,15 @@ DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
-UNPACKED_MOST_BYTES = 1 << 30  # largest size of all arrays of one file together
-INTEGER_MOST = 1 << 64  # bound of the magnitude of an integer in JSON
-TEXT_MOST = 200  # characters of an error of another package in a message
+UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file
+INTEGER_MOST = 1 << 64  # an integer in JSON must have a smaller magnitude than this number
+# largest number of characters that a message shows of an error text from another package
+TEXT_MOST = 200
 
 
 def first_line(error: BaseException) -> str:
-    """Returns the first line of the text of an error, or its kind."""
+    """Returns the first line of the text of an exception, or the type of an exception without a
+    text."""
     lines = str(error).split("\n")
     text = lines[0].strip()[:TEXT_MOST]
     if isinstance(error, KeyError) or not text:
@@ -49,8 +52,8 @@ def first_line(error: BaseException) -> str:
 
 
 def _is_of_file(error: Exception) -> bool:
-    """Returns True if the content of a file has provoked an error: it is one of DAMAGE, or the
-    code of another package has raised it."""
+    """Returns True if the content of a file may have caused an exception in a parser. This is so if
+    the type of the exception is in DAMAGE, or if the code of another package has raised it."""
     if isinstance(error, DAMAGE):
         return True
     frames = error.__traceback__
@@ -61,9 +64,10 @@ def _is_of_file(error: Exception) -> bool:
 
 @contextlib.contextmanager
 def parsing(file: Path | str, expected: str, remedy: str = "give another file") -> Iterator[None]:
-    """Context in which the content of a file is parsed. Raises InputError with one line, FILE:
-    expected EXPECTED, got ...; REMEDY, for what a damaged file provokes. An InputError or OSError
-    with the name of the file and an error of this package pass."""
+    """Context in which the content of a file is parsed. If a damaged file causes an exception,
+    raises InputError instead, with the text "FILE: expected EXPECTED, got: ...; REMEDY". An
+    InputError or OSError that names the file, and an exception from a programming error of this
+    package, are passed to the caller unchanged."""
     try:
         yield
     except InputError as error:
@@ -81,7 +85,7 @@ def parsing(file: Path | str, expected: str, remedy: str = "give another file") 
 
 
 def refuse(file: Path | str, expected: str, got: str, remedy: str) -> NoReturn:
-    """Raises InputError with one line."""
+    """Raises InputError with a text of one line that consists of the arguments."""
     where = paths.display(Path(file))
     raise InputError(f"{where}: expected {expected}, got: {got}; {remedy}") from None
 
@@ -101,9 +105,10 @@ def _int(text: str) -> int:
 
 
 def json_of(text: str | bytes, has_constants: bool = False) -> Json:
-    """Returns the value of a JSON text. `has_constants`: True if the program that writes it also
-    writes NaN and Infinity, which JSON does not have. Raises ValueError or RecursionError, also for
-    other numbers that are too large and for integers of more than 64 bits."""
+    """Returns the value of a JSON text. `has_constants`: True if the text may contain NaN and
+    Infinity, which standard JSON does not have. Raises ValueError or RecursionError for a damaged
+    text. Also raises ValueError for a number that is too large for a float and for an integer of
+    more than 64 bits."""
 
     def constant(name: str) -> float:
         if has_constants:
@@ -117,7 +122,8 @@ def json_of(text: str | bytes, has_constants: bool = False) -> Json:
 def read_json(
     file: Path, expected: str, remedy: str = "give another file", has_constants: bool = False
 ) -> JsonObject:
-    """Returns the object in a JSON file, as json_of() does. Raises InputError, OSError."""
+    """Returns the object that a JSON file contains. `has_constants`: see json_of(). Raises
+    InputError, OSError."""
     with parsing(file, expected, remedy):
         table = json_of(file.read_text(encoding="utf-8"), has_constants)
     if not isinstance(table, dict):
@@ -139,8 +145,8 @@ def read_arrays(
 
 
 def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
-    """Returns an array of an NPZ file. Raises one of DAMAGE for one whose size is not that of its
-    head."""
+    """Returns an array of an NPZ file. Raises one of the exceptions in DAMAGE if the array has
+    another size than its header states."""
     data = io.BytesIO(archive.read(name))
     head = np.lib.format
     version = head.read_magic(data)

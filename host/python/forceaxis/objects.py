@@ -11,13 +11,14 @@ OBJECTS = tuple(_core.objects())
 BY_NAME = {o.name: o for o in OBJECTS}
 COILS = tuple(_core.coils())
 DISCRETES = tuple(_core.discretes())
-# A valid statusword shows exactly one of these states.
+# Names of the drive states. A valid statusword shows exactly one of these states.
 STATUS_STATES = tuple(_core.status_states())
 REFUSALS = {refusal.name: refusal for refusal in _core.refusals()}
 
 
 def bits_in(name: str, value: int, mode: int | None = None) -> list[ObjectBit]:
-    """Returns the known bits that are 1 in a raw value of an object, in a mode of operation."""
+    """Returns the bits that are 1 in a raw value of an object and have a known meaning in a mode of
+    operation."""
     return [
         bit for bit in BY_NAME[name].bits
         if value >> bit.bit & 1 and (not bit.modes or mode in bit.modes)
@@ -25,14 +26,16 @@ def bits_in(name: str, value: int, mode: int | None = None) -> list[ObjectBit]:
 
 
 def mask(name: str, *keys: str) -> int:
-    """Returns the bits of an object with these keys, such as mask("reset_cause", "pin"). Raises
-    KeyError for an unknown key."""
+    """Returns a mask in which the named bits of an object are 1. For example, mask("reset_cause",
+    "pin") has the bit `pin` of the object `reset_cause`. Raises KeyError for an unknown name of a
+    bit."""
     known = {bit.key: 1 << bit.bit for bit in BY_NAME[name].bits}
     return sum({known[key] for key in keys})
 
 
 def sentence(fault: str) -> str | None:
-    """Returns what a fault or an emergency message means, or None for another name."""
+    """Returns a sentence that explains a fault or an emergency message, or None for an unknown
+    name."""
     codes = BY_NAME["error_code"]
     for (_, text), meaning in zip(codes.values, codes.sentences, strict=True):
         if text == fault:
@@ -47,8 +50,8 @@ def default(name: str) -> float:
 
 
 def unit_in_words(known: AxisObject) -> str:
-    """Returns the unit of an object as text for a user, with the quantity of its counts or codes. A
-    force count is a count of an 8-bit ADC."""
+    """Returns the unit of an object as text for a user, for example "encoder counts" instead of
+    "count". A force count is a count of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit
     of_force = known.quantity == "force"
     force, encoder = "count of force", "encoder count"
@@ -64,8 +67,9 @@ def unit_in_words(known: AxisObject) -> str:
 
 
 def state_needed(name: str) -> str:
-    """Returns in which states of the axis an object can be written, as the end of a sentence about
-    a refusal; "" if every state permits a write, or for another name."""
+    """Returns the states of the axis in which an object can be written, as text for the end of an
+    error message. Returns "" for an object that can be written in every state and for an unknown
+    name."""
     known = BY_NAME.get(name)
     if known is not None and known.writable == "disabled":
         return "; it can be written only while the axis is disabled"

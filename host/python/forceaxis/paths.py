@@ -1,5 +1,5 @@
-"""Paths of the files of this package, in a checkout and in an installed wheel, and functions that
-write files."""
+"""Paths of the files of this package, which differ between a checkout and an installed wheel. The
+module also contains functions that write files."""
 
 import contextlib
 import errno
@@ -12,7 +12,8 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parent
 _CHECKOUT = _PACKAGE.parents[2]
 
-# The folder of all files that are no Python modules. A wheel has the same tree as a checkout.
+# ROOT is the root folder of all files that are no Python modules.
+# A wheel has the same folders below ROOT as a checkout.
 ROOT = _CHECKOUT if (_CHECKOUT / "sim/experiments").is_dir() else _PACKAGE / "data"
 
 SIM = ROOT / "sim"
@@ -20,14 +21,14 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# Generated files for other programs: data sheet, DBC, table of Modbus registers.
+# Folder of the files that are generated from the object table for other programs.
 OBJECT_FILES = ROOT / "firmware/objects/generated"
 
-PORTS = ROOT / "firmware/port"  # a folder for each board
-IMAGES = ROOT / "build/image"  # images of the firmware
-# Programs that commands start: axis_linux, axis_node, plant_node, gateway, vcan.
+PORTS = ROOT / "firmware/port"  # folder that contains a folder for each board
+IMAGES = ROOT / "build/image"  # folder of the firmware images
+# Folders of the compiled programs that commands start, such as axis_node and gateway.
 PROGRAMS = (ROOT / "build/release/host", ROOT / "tools")
-LIBRARIES = ROOT / "build/lib"  # shared libraries that only a wheel contains, not a checkout
+LIBRARIES = ROOT / "build/lib"  # folder of shared libraries, which exists only in a wheel
 
 
 def display(path: Path | str) -> str:
@@ -49,9 +50,9 @@ def quoted(path: Path | str) -> str:
 def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
     """Context that yields temporary paths to write to.
 
-    If the block ends without an exception (Ctrl-C is an exception), the written files become the
-    files `names` of the folder, which is created. Otherwise no file is written and no new folder
-    remains. Raises OSError.
+    If the `with` block ends without an exception, the temporary files become the files `names` of
+    the folder, and the folder is created if necessary. After an exception, such as that of Ctrl-C,
+    the folder has no new file, and no new folder remains. Raises OSError.
     """
     fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +78,8 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
 
 def replace_text(file: Path | str, text: str) -> None:
     """Replaces the content of a file. After an error the file still has its old content. The
-    function keeps the mode of the file, and a symbolic link remains a link. Raises OSError."""
+    permissions of the file do not change, and a symbolic link remains a symbolic link. Raises
+    OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

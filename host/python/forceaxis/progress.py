@@ -1,5 +1,5 @@
-"""Progress of a long computation. A command shows the progress on a
-terminal. Without a terminal, the command prints the phases."""
+"""Progress of a long computation. On a terminal, a command shows the progress continuously. Without
+a terminal, the command prints one line for each phase of the computation."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -8,7 +8,8 @@ from typing import TypeVar
 T = TypeVar("T")
 
 shown = ""  # text about the present progress, such as "34/98 experiments"
-_tell: Callable[[str], None] | None = None  # function that told() has set
+# function to call at the beginning of each phase; told() sets it
+_tell: Callable[[str], None] | None = None
 
 
 @contextlib.contextmanager
@@ -25,8 +26,8 @@ def told(tell: Callable[[str], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def phase(text: str) -> Iterator[None]:
-    """Context of one phase of a computation, such as "designing the bank". One phase takes some
-    seconds."""
+    """Context of one phase of a computation, such as "designing the bank". A phase usually takes
+    some seconds."""
     global shown
     if _tell is not None:
         _tell(text)

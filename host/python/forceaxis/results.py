@@ -13,8 +13,8 @@ remain floats. A result should contain None instead, because json.dumps(allow_na
 error for them.
 
 A field with `inline` contains another result or None. Instead of the field, JSON has the keys of
-that result; if two fields have the same key, the value of the later field counts. from_json does
-not read a result with such a field.
+the contained result. If two fields have the same key, JSON has the value of the later field.
+from_json() cannot read a result with such a field.
 """
 
 import dataclasses
@@ -53,11 +53,12 @@ SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a mess
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """Returns a dataclass field for a result, with options for the JSON form.
+    """Returns a field of a result (a dataclass), with options for the form of the field in JSON.
 
-    `key`: name of the field in JSON, if different. `omit_none`: True if a value None has no key in
-    JSON (the default value of the field is then None). `inline`: True if the keys of the value, a
-    result or None, replace the field. `given`: arguments of dataclasses.field.
+    `key`: name of the field in JSON, if it differs from the name in Python. `omit_none`: True if
+    JSON has no key for the value None; the default value of the field is then None. `inline`: True
+    if the value is a result or None, whose keys replace the field in JSON. `given`: arguments of
+    dataclasses.field.
     """
     if omit_none:
         given.setdefault("default", None)
@@ -70,8 +71,8 @@ def json_key(field: "dataclasses.Field[Any]") -> str:
 
 
 class _UnexpectedValue(ValueError):
-    """Error: a value in JSON does not have the type of its field. The text states the expected type
-    and the value."""
+    """Error: a value in JSON does not have the type of its field. The error text states the
+    expected type and the value."""
 
 
 def _is_scalar_union(kind: type) -> bool:
@@ -100,7 +101,7 @@ def _read_scalar(value: Json, kind: type) -> bool | int | float | str | None:
 
 
 def _reason(error: BaseException, _: type | None) -> str:
-    """Returns the text for an error of cattrs at one key in JSON."""
+    """Returns a text for the user about an error that cattrs has found at one key in JSON."""
     if isinstance(error, _UnexpectedValue):
         return str(error)
     if isinstance(error, KeyError):
@@ -111,8 +112,9 @@ def _reason(error: BaseException, _: type | None) -> str:
 
 
 def _overrides(kind: type[D]) -> dict[str, Any]:
-    """Returns the rules by which cattrs converts the fields of a result. mypy would compare rules
-    with a type of their own with every argument of the functions of cattrs."""
+    """Returns the rules by which cattrs converts the fields of a result. The values have the type
+    Any, because mypy would compare a more precise type with all arguments of the cattrs
+    functions."""
     return {
         field.name: override(
             rename=field.metadata.get(KEY),
@@ -123,7 +125,8 @@ def _overrides(kind: type[D]) -> dict[str, Any]:
 
 
 def _to_dict(kind: type[D]) -> Callable[[D], JsonObject]:
-    # A field whose type is a text or `Any` is converted by the type of its value.
+    # If the type of a field is a string or `Any`, cattrs converts the field by the type of its
+    # value.
     with_all_fields = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 

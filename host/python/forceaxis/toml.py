@@ -35,14 +35,14 @@ def read_text(text: str) -> dict[str, Any]:
 
 
 def write_text(value: Mapping[str, Any]) -> str:
-    """Returns a table as TOML text, with inner tables written inline and NumPy values as plain
+    """Returns a table as TOML text. Inner tables are written inline, and NumPy values as plain
     values. Raises TypeError for a value that TOML cannot represent."""
     return "".join(f"{value_text(str(key))} = {value_text(item)}\n" for key, item in value.items())
 
 
 def value_text(value: "Writable") -> str:
     """Returns a value as TOML text. Raises TypeError for a value that TOML cannot represent."""
-    if hasattr(value, "tolist"):  # of NumPy
+    if hasattr(value, "tolist"):  # an array or a scalar of NumPy
         value = value.tolist()
     match value:
         case bool():
@@ -65,7 +65,8 @@ def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
     """Reports all unknown keys of a table in one call of fail(key, message), which raises an
-    exception. `kind` is a text that describes the known keys in place of a list of these keys."""
+    exception. `kind` is a text that describes the known keys. With this text, the message does not
+    list them."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

@@ -1,4 +1,5 @@
-"""The versions of program, firmware, object table, message types and file formats."""
+"""The versions of the program, the firmware, the object table, the LCM message types and the file
+formats."""
 
 import hashlib
 from importlib.metadata import version

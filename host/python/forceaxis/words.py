@@ -1,4 +1,5 @@
-"""Numbers and texts for users: digits, plurals, control characters, suggestions for a name."""
+"""Functions that prepare numbers and texts for users: digits, plurals, control characters, and
+suggestions for a misspelled name."""
 
 import difflib
 import re
@@ -7,7 +8,8 @@ from pathlib import Path
 
 OptionValue = str | int | float | Path | None
 
-# Characters that would control a terminal: control characters of ASCII and Latin-1.
+# Characters that would control a terminal.
+# The set contains the control characters of ASCII and Latin-1.
 # The set also has line and paragraph separators, and characters that change the writing direction.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
@@ -34,8 +36,9 @@ def printable(text: str, keep: str = "") -> str:
 
 
 def number(text: str | float) -> float:
-    """Returns the number that a user has written. Raises ValueError, also for the underscores with
-    which Python groups digits: 1_0 is a typing error for 1.0 and not 10."""
+    """Returns the number that a user has written. Raises ValueError for another text. A text with
+    an underscore, such as 1_0, also raises ValueError: Python would read it as 10, but the user
+    probably meant 1.0."""
     if "_" in str(text):
         raise ValueError(f"{text}: expected a number without underscores")
     return float(text)
@@ -54,9 +57,10 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 
 def option_words(**options: OptionValue | Sequence[OptionValue]) -> list[str]:
-    """Returns the arguments of a Python function as options of a command line: lcm_url="x" becomes
-    two words, the option lcm-url and x. The value True gives the option without a value, and a list
-    gives the option once for each element. None, False and an empty text give no option."""
+    """Returns the arguments of a Python function as words of a command line. For example,
+    lcm_url="x" becomes the two words `--lcm-url` and `x`. The value True gives the option without a
+    value, and a list gives the option once for each element. None, False and an empty text give no
+    option."""
     words = []
     for name, given in options.items():
         option = f"--{name.replace('_', '-')}"

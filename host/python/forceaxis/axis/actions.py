@@ -18,28 +18,29 @@ from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
 QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop in s
-FIRST_DAY = datetime.date(1984, 1, 1)  # first day of dates in CiA 301
+FIRST_DAY = datetime.date(1984, 1, 1)  # day 0 of dates in CiA 301
 CALIBRATION_POINTS = range(2, 9)
 FORCE_MAX_COUNTS = 512  # largest value of the object `force_max` in force counts
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
-# Force in 8-bit counts by which the measured force may exceed its initial value during a retract.
+# Largest increase of the measured force during a retract, in 8-bit counts.
 RETRACT_FORCE_COUNTS = 8
-# Number of steps in which a target force decreases to 0, and longest time in s of this release.
+# Largest number of steps in which a target force is lowered to 0, and longest time in s for it.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 # Name of the object that sets the target force, for each mode of operation with force control.
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
-# Force limit of a move in 8-bit counts, which is a quarter of the range of a signed 8-bit value.
+# Force limit of a move in 8-bit counts.
+# This limit is a quarter of the largest value that 8 bits with a sign can represent.
 MOVE_COUNTS = 32
 
 
 @dataclass(frozen=True)
 class AxisStatus:
-    """State of an axis at one moment: state of CiA 402, mode of operation, fault, position in
-    encoder counts, measured force in 8-bit counts and in N, name of the command source that owns
-    the axis."""
+    """State of an axis at one moment: drive state by CiA 402, mode of operation, fault, position,
+    measured force, and command source that owns the axis. `position` is in encoder counts, `force`
+    in 8-bit counts."""
 
     state: str
     mode: str
@@ -68,7 +69,8 @@ def stop(axis: Drive) -> AxisStatus:
     """Commands a quick stop, which also stops an axis that another client owns. Waits until the
     axis is disabled, or at standstill if `quick_stop_option` keeps the axis enabled. Returns the
     state of the axis. Raises NoAnswer, Refused."""
-    for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer of an object
+    # another CANopen master may interrupt the write, so it is tried three times
+    for remaining in (2, 1, 0):
         try:
             axis.link.write({"controlword": QUICK_STOP})
             break
@@ -89,8 +91,8 @@ def stop(axis: Drive) -> AxisStatus:
 
 
 def wait_to_stand(axis: Drive) -> None:
-    """Waits until a disabled axis no longer coasts, at most COAST_MAX_S seconds. Raises NoAnswer,
-    Refused."""
+    """Waits until a disabled axis no longer coasts. Waits for at most COAST_MAX_S seconds. Raises
+    NoAnswer, Refused."""
     before, passed = None, 0.0
     while (now := axis.integer("position")) != before and passed < COAST_MAX_S:
         before = now
@@ -100,7 +102,8 @@ def wait_to_stand(axis: Drive) -> None:
 
 @dataclass(frozen=True)
 class TareResult:
-    """The tare of an axis and the measured force after taring, both in 8-bit counts."""
+    """Result of taring: the new tare of the axis, and the measured force after taring. Both are in
+    8-bit counts."""
 
     force_tare: float
     force: float
@@ -108,8 +111,8 @@ class TareResult:
 
 @dataclass(frozen=True)
 class TareObjects:
-    """State of the tare (idle, running, done, or the reason of a failure), and the latched fault of
-    the axis."""
+    """State of the taring, and the latched fault of the axis. The state is idle, running, done, or
+    the reason why the taring failed."""
 
     tare_state: str
     fault: str
@@ -129,14 +132,15 @@ def tare(axis: Drive) -> TareResult:
 
 
 def reading(axis: Drive, seconds: float = 0.5) -> float:
-    """Returns the mean of the measured force in 8-bit counts over `seconds` of the axis' time."""
+    """Returns the mean of the measured force, in 8-bit counts, over `seconds` by the clock of the
+    axis."""
     return statistics.fmean(axis.number("force") for _ in axis.link.polls(seconds))
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
     """Result of a calibration of the force sensor: scale of the measured force, and linearity error
-    in per mille of the span."""
+    in per mille of the span of the reference forces."""
 
     force_scale_N_per_count: float
     linearity_permille: float
@@ -144,8 +148,8 @@ class CalibrationResult:
 
 @dataclass(frozen=True)
 class CalibrationObjects:
-    """State of a calibration of the force sensor, linearity error in per mille of the span, and
-    `force_scale` in uN per 8-bit count."""
+    """State of a calibration of the force sensor, and its results: linearity error in per mille of
+    the span of the reference forces, and `force_scale` in uN per 8-bit count."""
 
     calibration_state: str
     calibration_linearity: float
@@ -169,7 +173,8 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_PERIOD_S)
-    except Refused as error:  # the object `calibration_state` contains the reason of the refusal
+    # the object `calibration_state` then contains the reason why the axis refused
+    except Refused as error:
         refusal = error
     found = axis.record(CalibrationObjects)
     if refusal or found.calibration_state != "done":
@@ -187,9 +192,9 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
 
 @contextlib.contextmanager
 def bounded(axis: Drive, counts: float) -> Iterator[None]:
-    """Context manager that disables the axis in the same tick if the measured force exceeds
-    `counts` (or `force_max`, if `force_max` is smaller). At the end of the context the axis is
-    disabled and `force_max` has its earlier value again."""
+    """Context manager that limits the measured force. Within the context, the axis disables itself
+    in the tick in which the measured force exceeds `counts` or the earlier `force_max`, whichever
+    is smaller. At the end, the axis is disabled and `force_max` has its earlier value again."""
     own = axis.number("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
@@ -211,8 +216,8 @@ def expect_position_gain(axis: Drive) -> None:
 
 
 def most_counts(axis: Drive, force_max: float | str | None) -> float | None:
-    """Converts a force limit such as "120 N" to 8-bit counts. A number already is in counts, and
-    None stays None. Raises InputError."""
+    """Converts a force limit such as "120 N" to 8-bit counts. A number is regarded as counts and is
+    not converted. None stays None. Raises InputError."""
     if force_max is None:
         return None
     try:
@@ -237,10 +242,11 @@ def move(
     counts: float = MOVE_COUNTS,
 ) -> AxisStatus:
     """Moves the axis to a position in profile position mode and then disables the axis. Returns the
-    state of the axis before the axis is disabled. `position`: in user units of the axis or "10 mm";
-    `speed`: in user units per second or "5 mm/s", None: `trajectory_velocity`; `counts`: force
-    limit in 8-bit counts. Raises InputError before the motion if the axis would limit a target;
-    Refused; NoAnswer, which names the fault if the force limit was exceeded."""
+    last state of the axis before it was disabled. `position`: number in user units of the axis, or
+    a text such as "10 mm". `speed`: number in user units per second, a text such as "5 mm/s", or
+    None for the value of the object `trajectory_velocity`. `counts`: force limit in 8-bit counts.
+    Raises InputError before the motion if the axis would limit a target. Raises Refused, and
+    NoAnswer. If the force limit was exceeded, NoAnswer names the fault."""
     expect_position_gain(axis)
     given: dict[str, Value] = {} if speed is None else {"trajectory_velocity": speed}
     settings = expect(axis, {**given, "target_position": position})
@@ -256,9 +262,9 @@ def move(
 
 
 def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
-    """Converts targets and quantities to engineering values. Raises InputError if the axis would
-    limit a target. The error text states the bound of the target and the object that sets the
-    bound."""
+    """Converts targets, such as "10 mm", to engineering values in the unit of each object. Raises
+    InputError if the axis would limit a target. The error text states the bound of the target and
+    the object that sets the bound."""
     raw = quantity.all_raw(axis, values)
     bounds.expect_raw(axis, raw)
     return {name: from_raw(name, value) for name, value in raw.items()}
@@ -266,8 +272,8 @@ def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
 
 @dataclass(frozen=True)
 class PressOrder:
-    """Options of a press in addition to the force; see Axis.press(). If an option is None, the
-    default value that Axis.press() states is used."""
+    """Options of a press, without the force. Axis.press() describes each option and its default
+    value, which is used if the option is None."""
 
     seconds: float = 3.0
     speed: float | str | None = None
@@ -278,8 +284,8 @@ class PressOrder:
 
 @dataclass(frozen=True)
 class PressSample:
-    """One sample of a press: measured force in 8-bit counts, position in encoder counts,
-    statusword."""
+    """One sample that was read during a press: measured force in 8-bit counts, position in encoder
+    counts, and statusword."""
 
     force: float
     position: int
@@ -288,8 +294,8 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """Result of a press: mean, smallest and largest measured force in the second half of the
-    pressing time, and the peak of the measured force since the first contact. Positions are in
+    """Result of a press. It has the mean, smallest and largest measured force in the second half of
+    the pressing time, and the largest measured force since the first contact. Positions are in
     encoder counts."""
 
     force_count: float
@@ -304,7 +310,8 @@ class PressResult:
 
 @dataclass(frozen=True)
 class ContactObjects:
-    """The object `contact`, which is 1 in contact, and the measured force in 8-bit counts."""
+    """The object `contact`, which is 1 while the axis touches the workpiece, and the measured force
+    in 8-bit counts."""
 
     contact: int
     force: float
@@ -316,8 +323,8 @@ def press(
     order: PressOrder,
     shown: Callable[[PressSample], None] | None = None,
 ) -> PressResult:
-    """Presses with the force `force` as `order` specifies, then disables the axis. Raises the
-    errors of Axis.press(). The function shown(sample) is called a few times per second."""
+    """Presses with the force `force` and the options `order`, and then disables the axis. Calls the
+    function shown(sample) a few times per second. Raises the errors of Axis.press()."""
     speed = order.speed
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
@@ -387,9 +394,9 @@ def _hold(
     target: Mapping[str, Value],
     shown: Callable[[PressSample], None] | None,
 ) -> list[PressSample]:
-    """Samples the state of the axis while the axis presses, and calls shown(sample) a few times per
-    second. Raises Refused if the axis becomes disabled, or if the axis limits the target because a
-    bound has changed."""
+    """Reads the state of the axis repeatedly while the axis presses. Calls shown(sample) a few
+    times per second, and returns all samples. Raises Refused if the axis becomes disabled. Also
+    raises Refused if a bound was changed so that the axis now limits the target."""
     samples: list[PressSample] = []
     was_limited = False
     for _ in axis.link.polls(seconds):
@@ -410,7 +417,7 @@ def _hold(
 
 
 def _distance(axis: Drive, distance: float | str) -> float:
-    """Returns a distance in user units of the axis. Raises InputError if the distance is not above
+    """Converts a distance to user units of the axis. Raises InputError if the distance is not above
     0."""
     value = quantity.number(axis, "target_position", str(distance))
     if not value > 0:
@@ -419,8 +426,9 @@ def _distance(axis: Drive, distance: float | str) -> float:
 
 
 def retract(axis: Drive, distance: float | str, speed: float | str | None = None) -> AxisStatus:
-    """Moves the axis back from a contact by a distance and disables the axis. Returns the state of
-    the axis before the axis is disabled. Arguments and errors are those of Axis.retract()."""
+    """Moves the axis away from a contact by a distance, and then disables the axis. Returns the
+    last state of the axis before it was disabled. Arguments and errors are those of
+    Axis.retract()."""
     expect_position_gain(axis)
     way = _distance(axis, distance)
     if speed is not None:
@@ -435,8 +443,8 @@ def retract(axis: Drive, distance: float | str, speed: float | str | None = None
 
 @dataclass(frozen=True)
 class RetractObjects:
-    """Objects from which the motion of a retract is computed: velocity and position in user units,
-    forces in 8-bit counts."""
+    """Objects from which the motion of a retract is computed. Velocity and position are in user
+    units, forces in 8-bit counts."""
 
     trajectory_velocity: float
     contact_force: float
@@ -446,9 +454,9 @@ class RetractObjects:
 
 
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
-    """Lowers the force target in the object `target` to 0 (if `target` is not ""). Then moves the
-    axis against the direction of the force, to the distance `way` from the present position.
-    Returns the state of the axis, which is still enabled."""
+    """Moves the axis back against the direction of the force, by the distance `way`. Before the
+    motion, lowers the force target in the object `target` to 0, unless `target` is "". Returns the
+    state of the axis, which is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
         most = axis.read("approach_velocity_max")
@@ -468,7 +476,7 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
-        # this happens if a position limit is nearer than the end of the retract
+        # The position limit of the axis is nearer than the end of the retract.
         except InputError as error:
             raise Refused(
                 f"{axis.link.where}: expected an axis that can be retracted, got: {error}"
@@ -486,8 +494,8 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
 
 
 def _release(axis: Drive, target: str, counts: float) -> None:
-    """Lowers a target force to 0 in steps and waits until the measured force is below `counts`.
-    With a single step, the contact spring would accelerate the axis away from the workpiece."""
+    """Lowers a target force to 0 in steps, and waits until the measured force is below `counts`. If
+    the force became 0 in a single step, the compressed contact would push the axis away."""
     value = axis.number(target)
     for step in range(1, RELEASE_MAX_STEPS + 1):
         axis.put_back(**{target: value * (1 - step / RELEASE_MAX_STEPS)})

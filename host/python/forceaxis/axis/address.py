@@ -1,13 +1,15 @@
 """The address of an axis: a text that names the bus and the axis on this bus.
 
-    can0:5                          node 5 on the CAN interface can0
-    tcp://192.168.1.5/3             Modbus TCP: unit 3 at this host; tcp://HOST:PORT/3
-    serial:/dev/ttyUSB0:3           Modbus RTU: unit 3; serial:/dev/ttyUSB0@19200:3 with a bit rate
-    lcm:2                           axis 2 of a gateway; lcm:2@URL on another LCM bus
-    sim:contact                     simulated, a name or a path; sim:contact@FILE stores parameters
+    can0:5                          CANopen node 5 on the CAN interface can0
+    tcp://192.168.1.5/3             Modbus TCP: unit 3 at this host; with a port: tcp://HOST:PORT/3
+    serial:/dev/ttyUSB0:3           Modbus RTU: unit 3; with a bit rate: serial:/dev/ttyUSB0@19200:3
+    lcm:2                           axis 2 of a gateway; with the URL of an LCM bus: lcm:2@URL
+    sim:contact                     simulated axis of the experiment `contact` (a name or a path);
+                                    sim:contact@FILE stores its parameters in FILE
 
-An address without the number of an axis names a bus. On CAN and Modbus its number is then 1.
-`can0:5@125`: this program has the node id 125 on the bus, if another program has the usual one.
+An address without the number of an axis names a bus. A command for one axis then uses number 1 on
+CAN and Modbus. With `can0:5@125`, this program has the node id 125 on the bus, for example because
+another program already has the default node id.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from forceaxis.bus import OWN_NODE
 if TYPE_CHECKING:
     from forceaxis.axis.link import Link
 
-NUMBERS = range(1, 128)  # numbers of nodes, units and axes
+NUMBERS = range(1, 128)  # valid numbers of CANopen nodes, Modbus units and axes
 DEFAULT_NUMBER = 1
 PORTS = range(1, 65536)
 BIT_RATES = range(300, 4_000_001)  # bit rates of a serial line in bit/s
@@ -36,9 +38,9 @@ TCP = re.compile(r"tcp://(\[[\w:.%]+\]|[^:/@?#\[\]\s]+)(?::([^/]*))?(?:/(.*))?")
 SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
 LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
 SIM = re.compile(r"sim:(.+?\.toml|[^@/]+)(?:@(.+))?")
-# The words of the other kinds of address, which would also be names of a CAN interface.
+# Pattern of texts that begin like another kind of address, so that they name no CAN interface.
 NOT_CAN = re.compile(r"(lcm|tcp|serial|sim)\d*(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL)
-# What an address of each of these kinds looks like.
+# Form of an address of each kind, for error messages.
 FORMS = {
     "tcp": "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3",
     "serial": "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3",
@@ -49,7 +51,8 @@ FORMS = {
 
 @dataclass(frozen=True)
 class CanAddress:
-    """A node on a CAN interface. `own_node`: node id of this program, by default OWN_NODE."""
+    """Address of a node on a CAN interface. `own_node`: node id of this program, by default
+    OWN_NODE."""
 
     kind: ClassVar[str] = "can"
     example: ClassVar[str] = "can0:5"
@@ -62,8 +65,8 @@ class CanAddress:
 
     def link(self, timeout_s: float | None = None) -> Link:
         """Connects to the axis, and returns the open connection. `timeout_s`: longest time in s to
-        wait for an answer, by default that of the kind of connection. Raises InputError, and over
-        Modbus NoAnswer."""
+        wait for an answer; None: the default time of this kind of connection. Raises InputError. A
+        Modbus connection may also raise NoAnswer."""
         from forceaxis.axis.can import CanLink
 
         node = self.number or DEFAULT_NUMBER
@@ -72,7 +75,7 @@ class CanAddress:
 
 @dataclass(frozen=True)
 class TcpAddress:
-    """A Modbus unit of a server on TCP, such as that of a gateway."""
+    """Address of a Modbus unit at a Modbus TCP server, such as the server of a gateway."""
 
     kind: ClassVar[str] = "tcp"
     example: ClassVar[str] = "tcp://192.168.1.5/3"
@@ -95,7 +98,8 @@ class TcpAddress:
 
 @dataclass(frozen=True)
 class SerialAddress:
-    """A Modbus unit on a serial line. `bit_rate` in bit/s, by default that of the firmware."""
+    """Address of a Modbus unit on a serial line. `bit_rate`: bit rate in bit/s, by default the
+    default bit rate of the firmware."""
 
     kind: ClassVar[str] = "serial"
     example: ClassVar[str] = "serial:/dev/ttyUSB0:3"
@@ -115,7 +119,8 @@ class SerialAddress:
 
 @dataclass(frozen=True)
 class LcmAddress:
-    """An axis at the gateway of an LCM bus. `url`: default LCM_DEFAULT_URL, or that of liblcm."""
+    """Address of an axis at the gateway of an LCM bus. `url`: URL of the LCM bus, by default the
+    value of the environment variable LCM_DEFAULT_URL, or the default URL of liblcm."""
 
     kind: ClassVar[str] = "lcm"
     example: ClassVar[str] = "lcm:2"
@@ -135,8 +140,8 @@ class LcmAddress:
 
 @dataclass(frozen=True)
 class SimAddress:
-    """The simulated axis of an experiment, a path or a name. `store`: file of its parameter store.
-    `overrides`: as in Axis.sim()."""
+    """Address of the simulated axis of an experiment, which is given by its path or name. `store`:
+    file of the parameter store of the axis. `overrides`: as in Axis.sim()."""
 
     kind: ClassVar[str] = "sim"
     example: ClassVar[str] = "sim:contact"
@@ -157,12 +162,13 @@ class SimAddress:
         if path.suffix != ".toml":
             path = paths.EXPERIMENTS / f"{path.name}.toml"
         link = SimLink(path, self.overrides, self.store)
-        link.where = f"the simulated axis of {self.experiment}"  # as the user named it
+        # messages name the experiment as the user wrote it
+        link.where = f"the simulated axis of {self.experiment}"
         return link
 
 
 Address: TypeAlias = CanAddress | TcpAddress | SerialAddress | LcmAddress | SimAddress
-# An example of an address of each kind.
+# For each kind of address, an example for error messages.
 EXAMPLES = {
     one.kind: one.example for one in (CanAddress, TcpAddress, SerialAddress, LcmAddress, SimAddress)
 }
@@ -173,13 +179,14 @@ def _part(separator: str, value: str | int | None) -> str:
 
 
 def examples(kinds: Container[str] = EXAMPLES) -> str:
-    """Returns an example of an address of each kind as text: "can0:5, lcm:2 or sim:contact"."""
+    """Returns a text with an example of each kind of address, such as "can0:5, lcm:2 or
+    sim:contact"."""
     shown = [example for kind, example in EXAMPLES.items() if kind in kinds]
     return " or ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
 
 
 def parse(text: str) -> Address:
-    """Returns the address that `text` names. Connects to nothing. Raises InputError."""
+    """Returns the address that `text` names. Does not connect to the axis. Raises InputError."""
     for start, read in READERS.items():
         if text.startswith(start):
             return read(text)
@@ -197,12 +204,13 @@ def _within(timeout_s: float | None) -> _Within:
 
 
 def bus(address: Address) -> Address:
-    """Returns the address of the bus of an axis."""
+    """Returns the address of the bus to which an axis is connected."""
     return address if isinstance(address, SimAddress) else replace(address, number=None)
 
 
 def numbered(address: Address) -> Address:
-    """Returns an address on CAN or Modbus with the number of the axis that it means."""
+    """Returns the address with the number of the axis. On CAN and Modbus, the default number is
+    added if the address has no number."""
     if isinstance(address, CanAddress | TcpAddress | SerialAddress):
         return replace(address, number=address.number or DEFAULT_NUMBER)
     return address
@@ -287,8 +295,9 @@ def _wrong(text: str, expected: str) -> InputError:
 def _integer(
     text: str, digits: str | None, known: range, what: str, where: str, example: str
 ) -> int | None:
-    """Returns the number in one piece of the text of an address, or None if this piece is missing.
-    Raises InputError."""
+    """Reads one number of an address. `digits` are the digits of this number in the text, or None
+    if the text has no such number. Returns None in this case. Raises InputError if the number is
+    outside the range `known`."""
     if digits is None:
         return None
     if not (digits.isascii() and digits.isdecimal() and len(digits) < 9 and int(digits) in known):

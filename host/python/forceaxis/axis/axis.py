@@ -1,4 +1,4 @@
-"""Operates one axis with values in engineering units, over any connection.
+"""Operates one axis over any connection. All values are in engineering units.
 
 with Axis.on("sim:session") as axis:                  # acquires the axis; or "can0:5"
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
@@ -32,14 +32,14 @@ __all__ = ["MODES", "Axis", "trigger_on"]
 
 @dataclass(frozen=True)
 class OwnerObjects(StatusObjects):
-    """The statusword of an axis, and the name of the command source that owns the axis."""
+    """The statusword of an axis, and the command source that owns the axis."""
 
     command_source: str
 
 
 class Axis(Drive):
-    """An axis that is reached over a connection. A `with` block acquires the axis; close() disables
-    and releases the axis."""
+    """An axis that this program operates over a connection. A `with` block acquires the axis. At
+    its end, close() disables and releases the axis."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(link)
@@ -98,9 +98,9 @@ class Axis(Drive):
         self.close()
 
     def acquire(self, shared: bool = False) -> None:
-        """Acquires the axis. Raises Refused if another client has enabled the axis. `shared`: if
-        the other client is on the same bus, the other client stays the owner, this program may
-        write to the axis, and close() does not disable the axis."""
+        """Acquires the axis. Raises Refused if another client has enabled the axis. `shared`: True
+        permits an axis that another client on the same bus has enabled. The other client then stays
+        the owner, this program may write to the axis, and close() does not disable the axis."""
         now = self.record(OwnerObjects)
         if now.state in POWERED:
             is_this_bus = now.command_source == COMMAND_SOURCES[self.link.source]
@@ -119,8 +119,8 @@ class Axis(Drive):
         self._owned = True
 
     def close(self) -> str:
-        """Disables and releases an owned axis and ends the connection, also after an error. Returns
-        a text about the result of the disabling."""
+        """Disables and releases the axis if this program owns it. Always ends the connection, also
+        after an error. Returns a text that says whether the axis was disabled."""
         done = "was not owned"
         try:
             if self._owned:
@@ -144,8 +144,9 @@ class Axis(Drive):
         return actions.stop(self)
 
     def start(self) -> None:
-        """Starts a node that NMT has stopped, so that it answers again. Enables no drive. Raises
-        NoAnswer, and Refused over Modbus, which has no NMT."""
+        """Starts a CANopen node that an NMT command has stopped, so that the node answers again.
+        Does not enable the drive. Raises NoAnswer. Over Modbus, which has no NMT, raises
+        Refused."""
         self.link.start()
 
     def press(
@@ -168,8 +169,9 @@ class Axis(Drive):
         in the same tick; default: twice the force plus 8 counts. retract: distance of a retract()
         at the end. Changed settings are restored.
 
-        Raises InputError before the motion if the axis would limit a value, with the bound in N;
-        Refused or NoAnswer with the reason, after the axis has been disabled.
+        Raises InputError before the motion if the axis would limit a value; the error text states
+        the bound in N. If the press fails, disables the axis and raises Refused or NoAnswer with
+        the reason.
         """
         order = actions.PressOrder(seconds, speed, approach_s, force_max, retract)
         return actions.press(self, quantity.force(force), order)
@@ -177,13 +179,16 @@ class Axis(Drive):
     def retract(
         self, distance: float | str, speed: float | str | None = None
     ) -> actions.AxisStatus:
-        """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables the
-        axis at the end of this distance. Returns the state of the axis before the axis is disabled.
+        """Moves the axis back from a contact and then disables the axis. `distance`: a text such as
+        "5 mm", or a number in user units. Returns the last state of the axis before it was
+        disabled.
 
-        The force is released first. The axis then moves in the opposite direction of the force, or
-        away from the workpiece without a force, at most at `speed` (default: approach_velocity_max)
-        and within its limits. A measured force above the initial one plus 8 counts disables it.
-        Raises InputError, NoAnswer, and Refused if the axis is still in contact at the end.
+        The axis first lowers its target force to 0. Then it moves in the opposite direction of the
+        measured force; if no force is measured, it moves away from the workpiece. The speed is at
+        most `speed` (default: approach_velocity_max), and the motion stays within the limits of the
+        axis. If the measured force exceeds its initial value by more than 8 counts, the axis
+        disables itself. Raises InputError and NoAnswer, and Refused if the axis is still in contact
+        at the end.
         """
         return actions.retract(self, distance, speed)
 
@@ -202,8 +207,9 @@ class Axis(Drive):
         """Records `signals` in each tick and waits for the end of the recording. Returns a
         link.Recording.
 
-        samples 0: as many as the recorder can store. `settings` are further objects of the recorder
-        without their prefix: decimation=3, pretrigger=100, trigger_edge="rising"; see trigger_on().
+        `samples`: number of samples; 0 means as many as the recorder can store. `settings`: values
+        of further objects of the recorder, named without the prefix `recorder_`, such as
+        decimation=3, pretrigger=100 or trigger_edge="rising"; see trigger_on().
         """
         self.arm(signals, samples, **settings)
         return self.link.recording(timeout_s)

@@ -1,11 +1,11 @@
-"""Checks targets against the bounds of an axis before the targets are written. The firmware limits
-a target beyond a bound, so the program refuses such a target. The error text states the target, the
-bound, the object that sets the bound, and the remedy.
+"""Checks targets against the bounds of an axis before the targets are written. The firmware would
+reduce a target beyond a bound to this bound, so the program refuses such a target. The error text
+states the target, the bound, the object that sets the bound, and the remedy.
 
 expect(axis, {"target_force": 5000})      # InputError if the axis permits less
 
-Axis.set() does this for every target. If a bound is lowered while the axis moves, the bit "internal
-limit" of the statusword is set, and expect() then finds the bound.
+Axis.set() checks every target in this way. If a bound is lowered while the axis moves, the axis
+sets the bit "internal limit" of the statusword, and a call of expect() then finds the bound.
 """
 
 import math
@@ -22,17 +22,18 @@ from forceaxis.objects import BY_NAME, mask
 INTERNAL_LIMIT = mask("statusword", "limit")
 RELATIVE_TARGET = mask("controlword", "relative")
 REVERSED_POSITIONS = mask("polarity", "position")
-NO_LIMIT = 2**31 - 1  # magnitude of a position limit from which on it means "no limit"
+NO_LIMIT = 2**31 - 1  # a position limit of at least this magnitude means "no limit"
 DAC_CODE_MAX = 2047
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Range that one object permits for a target, in the unit of the target."""
+    """Range that one object of the axis permits for a target, in the unit of the target."""
 
     least: float
     most: float
-    by: str  # the object that sets the bound, and other values from which the bound is computed
+    # text that names the object that sets the bound, and the values from which it is computed
+    by: str
     remedy: str
 
 
@@ -42,8 +43,8 @@ class Bound:
 
 @dataclass(frozen=True)
 class SensorObjects:
-    """Objects that define how an ADC code is converted to the measured force. The object
-    `force_tare` is in 8-bit counts."""
+    """Objects that define how an ADC code is converted to the measured force. `force_tare` is in
+    8-bit counts."""
 
     adc_bits: int | None
     force_zero_code: int | None
@@ -53,7 +54,8 @@ class SensorObjects:
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """Limits of the demanded force in per mille of the object `rated_force`, which is in mN."""
+    """Limits of the demanded force. The limits are in per mille of `rated_force`, and `rated_force`
+    is in mN."""
 
     force_limit: float
     force_limit_positive: float | None
@@ -74,7 +76,7 @@ class EncoderLimits:
 
 @dataclass(frozen=True)
 class PositionLimits(EncoderLimits):
-    """Position limits of a target in user units, and the present position in user units and in
+    """Limits of a target position in user units, and the present position in user units and in
     encoder counts."""
 
     controlword: int
@@ -92,9 +94,9 @@ def _object(name: str) -> str:
 
 
 def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
-    """Raises InputError, in one text line, if the axis would limit one of the raw values that are
-    to be written in this order. The function reads only the objects from which bounds of these
-    values are computed."""
+    """Raises InputError if the axis would limit one of the raw values `raw`, which are to be
+    written in their order. Reads only the objects from which the bounds of these values are
+    computed."""
     targets = [name for name in raw if name in BOUNDS]
     planned = PlannedValues(axis, raw)
     for name in targets:
@@ -117,9 +119,9 @@ def most_force(axis: AxisValues) -> float:
 
 
 def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
-    """Checks a force in N to which an excitation is added. Raises InputError if the axis would
-    limit the force, or if the force with the excitation is outside the range of
-    expect_readable()."""
+    """Checks a target force in N to which an excitation is added. Raises InputError if the axis
+    would limit the force. Also raises InputError if the force with the excitation is outside the
+    range that expect_readable() permits."""
     expect_readable(axis, force_N, swing, quantity.force_per_count(axis))
     expect(axis, {"target_force": 1e6 * force_N / axis.number("rated_force")})
 
@@ -127,8 +129,9 @@ def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
 def expect_readable(
     axis: AxisValues, force_N: float, swing: float, newton_per_count: float
 ) -> None:
-    """Raises InputError if a force with an excitation leaves the range of the measured force or
-    exceeds force_max. `swing`: peak-to-peak range of the force, relative to the force."""
+    """Raises InputError if a force with an excitation leaves the range that the sensor can measure,
+    or exceeds `force_max`. `swing`: peak-to-peak amplitude of the excitation divided by the
+    force."""
     reading, force_max = of_reading(PlannedValues(axis, {})), axis.number("force_max")
     for counts, by in (
         (reading.most if reading else math.inf, "the end of the range of the measured force"),
@@ -155,9 +158,9 @@ def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
 
 
 def of_reading(planned: PlannedValues) -> Bound | None:
-    """Returns the range of the measured force in 8-bit counts, computed from the ADC codes without
-    the two end codes. If the force at an end of the range is 0, this end is no bound, because the
-    axis then presses against the end or has no contact."""
+    """Returns the range of force in 8-bit counts that the sensor can measure, computed from the ADC
+    codes without the two end codes. If the force at an end of the range is 0, this end is no bound,
+    because the axis then presses against the end or has no contact."""
     sensor = planned.record(SensorObjects)
     bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
     sign = sensor.force_sign
@@ -182,8 +185,9 @@ def _force_setpoint(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function that yields the bounds of one of the two objects whose sum is the demanded
-    force, in per mille of `rated_force`. `other`: name of the other object of the sum."""
+    """Returns a function that yields the bounds of a target force, in per mille of `rated_force`.
+    The demanded force is the sum of two objects. `other` is the name of the object that is added to
+    the target."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         added = planned.number(other)
@@ -266,7 +270,8 @@ def _position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _end(position: float) -> float:
-    """Returns a position limit, or infinity if the axis has no position limit at this end."""
+    """Returns a position limit. The value that means "no limit" becomes an infinity with the same
+    sign."""
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
@@ -278,8 +283,8 @@ def _native_position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Returns a function that yields the bounds of a speed in user units per second. `other`:
-    object that is added to the speed in cyclic velocity mode."""
+    """Returns a function that yields the bounds of a target speed in user units per second.
+    `other`: name of the object whose value is added to the target speed in cyclic velocity mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         most = planned.number("velocity_max")
@@ -303,8 +308,8 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
     """Returns a function that yields the bounds of an object that sets a DAC code. `beside`: name
-    of the object whose DAC code is added in excitation mode, or in every mode if `always` is
-    True."""
+    of another object whose DAC code is added. This code is added in every mode if `always` is True,
+    otherwise only in excitation mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.number("output_limit")
@@ -320,7 +325,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
     return bounds
 
 
-# For each target object, the function that yields the bounds of the target.
+# {name of a target object: function that yields the bounds of the target}
 BOUNDS: dict[str, Callable[[PlannedValues], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),

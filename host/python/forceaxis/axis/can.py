@@ -1,5 +1,5 @@
-"""Access to an axis on a CAN bus. The program is the CANopen master of the axis: SDO, NMT and a
-monitored heartbeat."""
+"""Access to an axis on a CAN bus. This program is the CANopen master of the axis: it uses SDO and
+NMT, and sends a heartbeat that the axis monitors."""
 
 import contextlib
 import errno
@@ -38,7 +38,8 @@ except ImportError:
         "expected the packages python-canopen and python-can; install both packages with `pip "
         "install 'forceaxis[can]'`",
     ) from None
-# A command prints an error on one line, so the libraries canopen and can print no log messages.
+# The libraries `canopen` and `can` must print no log messages, because a command prints an error on
+# one line.
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())
 
@@ -49,20 +50,22 @@ REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)
 # Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
-# Upper halves of SDO abort codes: toggle-bit error; and time-out, wrong command or wrong block.
+# Upper halves of the SDO abort codes of a disturbed transfer.
+# 0503h is a toggle-bit error.
+# 0504h is a time-out, a wrong command or a wrong block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-# Consumer heartbeat time in ms: after it, the axis detects a missing heartbeat of this program.
+# Time in ms after which the axis detects that the heartbeat of this program is missing.
 # This program sends ten heartbeats within this time.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
-# CANopen addresses of the domains.
+# CANopen addresses (index, sub-index) of the objects that are domains.
 RECORDER_DATA, CYCLE_CURVE_DATA, PROGRAM_DATA = (0x2120, 0), (0x243B, 6), (0x1F50, 1)
 SEGMENT_BYTES = 7  # largest number of bytes in a segment of an SDO transfer
-# Largest sizes in bytes of a name, and of a recording (30 KiB in the firmware) or curve (12 KB).
-# At this size, the program aborts the transfer of a node that sends segments without end.
+# Largest sizes in bytes of a name, and of a domain such as a recording (30 KiB) or a curve (12 KB).
+# If a node sends more bytes than this, the program aborts the transfer.
 MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
@@ -71,14 +74,14 @@ STOPPED = (
     "enables no drive"
 )
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
-# Error code of the firmware for each SDO abort code.
+# {SDO abort code: error code of the firmware}
 REASON_OF_ABORT = {abort: r.error for r in REFUSALS.values() for abort in r.aborts}
 
 
 @contextlib.contextmanager
 def network(interface: str, bus: can.BusABC | None = None) -> Iterator[canopen.Network]:
-    """Returns the network of a CAN interface. `bus`: a bus that is used in place of the CAN
-    interface. Raises InputError."""
+    """Context manager that yields the CANopen network of a CAN interface. `bus`: an open bus of
+    python-can that is used instead of the CAN interface. Raises InputError."""
     made = canopen.Network()
     made.bus = bus
     made.NOTIFIER_CYCLE = NOTIFIER_S
@@ -104,13 +107,14 @@ def network(interface: str, bus: can.BusABC | None = None) -> Iterator[canopen.N
 
 
 class CanLink(RecorderLink):
-    """A node on a CAN interface such as "can0". A gateway that polls the same node uses the same
-    SDO channel, and then interrupts recordings (NoAnswer).
+    """A node on a CAN interface such as "can0". If a gateway polls the same node, it uses the same
+    SDO channel. The reading of a recording is then interrupted and raises NoAnswer.
 
-    From the first controlword that enables it, the axis monitors this program's heartbeat by an
-    entry of 1016h and becomes disabled HEARTBEAT_MS after the program ends. The entry is restored
-    at release and before parameters are stored. own_node: node id of the heartbeat, which no other
-    node may have. bus: a bus instead of the interface. Raises InputError.
+    From the first controlword that enables it, the axis monitors the heartbeat of this program. For
+    this purpose, the program writes an entry of the object 1016h. The axis becomes disabled
+    HEARTBEAT_MS after the last heartbeat. The earlier entry is restored at release and before
+    parameters are stored. own_node: node id of the heartbeat, which no other node may have. bus: an
+    open bus of python-can instead of the CAN interface. Raises InputError.
     """
 
     source = COMMAND_SOURCES.index("canopen")
@@ -139,18 +143,20 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # Sub-object of 1016h with the heartbeat entry of this program, and its value before.
-        # None without such an entry.
+        # Name of the sub-object of 1016h that this program has written, and its earlier value.
+        # This is None while the axis does not monitor the heartbeat of this program.
         self._watched: tuple[str, int] | None = None
-        # Command specifier, index and sub-index of the expected SDO answer, or None.
+        # Command specifier, index and sub-index of the expected SDO answer, or None if any answer
+        # is accepted.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # This event is set if another node sends heartbeats with the node id of this program.
         self._rival = threading.Event()
-        # Time in s since 1970 until which heartbeats with the own node id come from this program.
+        # Time in s since 1970 until which this program itself has sent heartbeats.
+        # A later heartbeat with the same node id comes from another node.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
-        # NMT state of the latest heartbeat of the node. None before that.
+        # NMT state in the latest heartbeat of the node. None before the first heartbeat.
         self._nmt_state: int | None = None
         self._network.subscribe(HEARTBEAT_ID + node, self._heard_node)
         # This event is set if another client sends a request over the SDO channel of this program.
@@ -158,8 +164,9 @@ class CanLink(RecorderLink):
         self._network.subscribe(REQUEST_ID + node, self._heard_request)
 
     def _answered(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Passes an SDO answer to the library. Ignores an answer to another client of the same SDO
-        channel, such as a gateway that polls the axis."""
+        """Passes an SDO answer to the library `canopen`, unless the answer belongs to another
+        client. A gateway that polls the axis is such a client, because it uses the same SDO
+        channel."""
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
             kind, *expected = self._expected
@@ -169,8 +176,9 @@ class CanLink(RecorderLink):
 
     @contextlib.contextmanager
     def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
-        """Context manager for an SDO access to `about`, which is (UPLOAD_ANSWER or DOWNLOAD_ANSWER,
-        index, sub-index), or None for a longer transfer."""
+        """Context manager for an SDO access. Errors of the library `canopen` become Refused or
+        NoAnswer with the text `what`. `about`: command specifier, index and sub-index of the
+        expected answer, or None for a transfer of several messages."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -208,8 +216,8 @@ class CanLink(RecorderLink):
         return found
 
     def text(self, index: int) -> str:
-        """Returns a CANopen text of the node, such as the name of the device in 1008h. `index` is
-        one of TEXT_INDICES."""
+        """Returns the text that the node has at a CANopen index, such as its device name at index
+        1008h. `index` is one of TEXT_INDICES."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name: str, index: int, sub: int) -> bytes:
@@ -258,11 +266,12 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
-        # A node that missed a heartbeat is no longer operational, so this program starts it.
+        # A node that has missed a heartbeat is no longer operational.
+        # Therefore this program starts the node.
         with self._asking("NMT start"):
             self._network.send_message(0, bytes([NMT_START, self._id]))
         place, raw = self._entry()
-        # An earlier program with the same node id was killed, and its entry in 1016h still exists.
+        # This entry in 1016h remains from an earlier program with the same node id that was killed.
         if place is not None and raw == self._ours:
             self._expect_alone()
             self._download(place, 0)
@@ -277,8 +286,9 @@ class CanLink(RecorderLink):
         return self._own << 16 | HEARTBEAT_MS
 
     def _entry(self) -> tuple[str | None, int]:
-        """Returns the object and the raw value of the entry of 1016h that contains the node id of
-        this program. If there is no such entry, returns a free entry, otherwise (None, 0)."""
+        """Returns the name and the raw value of the entry of object 1016h for the node id of this
+        program. Without such an entry, returns a free entry. If no entry is free, returns (None,
+        0)."""
         entries = self.read(HEARTBEAT_ENTRIES).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
@@ -324,7 +334,7 @@ class CanLink(RecorderLink):
         )
 
     def _send_beat(self, data: bytes) -> None:
-        # An SDO transfer may last longer than the consumer heartbeat time, so a thread sends.
+        # A thread calls this function. An SDO transfer may last longer than the heartbeat time.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except can.CanError as error:
@@ -342,7 +352,8 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # Object 1016h is written first: the axis monitors heartbeats from the first one on.
+        # The program writes 1016h before it sends its first heartbeat.
+        # The axis monitors heartbeats as soon as it has received the first one.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,
@@ -364,7 +375,8 @@ class CanLink(RecorderLink):
         return self._domain("the curve", *CYCLE_CURVE_DATA)
 
     def _domain(self, what: str, index: int, sub: int) -> bytes:
-        """Returns the bytes of a domain, which are transferred in blocks."""
+        """Returns the bytes of an object that is a domain. The bytes are transferred in blocks (SDO
+        block upload)."""
         with (
             self._asking(what),
             self._sdo.open(index, sub, "rb", buffering=0, block_transfer=True) as stream,
@@ -383,7 +395,7 @@ class CanLink(RecorderLink):
                         written(at)
                 stream.close()
             finally:
-                # The end of a transfer that was aborted is not sent.
+                # This call closes the stream without sending the end of the aborted transfer.
                 io.RawIOBase.close(stream)
 
     def close(self) -> None:

@@ -21,13 +21,14 @@ SWITCH_ON = SHUTDOWN | mask("controlword", "switch_on")
 ENABLE = SWITCH_ON | mask("controlword", "enable_operation")
 NEW_SETPOINT = START_HOMING = ENABLE | mask("controlword", "start")
 FAULT_RESET = mask("controlword", "fault_reset")
-COMMAND_BITS = ENABLE | FAULT_RESET  # bits that command a state
+COMMAND_BITS = ENABLE | FAULT_RESET  # bits of the controlword that select the drive state
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED = mask("statusword", "reached")
 ACKNOWLEDGED = mask("statusword", "acknowledged")
 # End of the error text for an axis with a fault.
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
-# Longest time in s from the controlword to the disabled state, including the ramp of a stop.
+# Longest time in s from the write of the controlword until the axis is disabled.
+# In this time, the axis also decelerates to standstill.
 DISABLE_TIMEOUT_S = 2.0
 
 
@@ -37,7 +38,8 @@ class DriveObjects:
     counts."""
 
     statusword: int
-    modes_of_operation_display: str | int  # a mode of operation without a name stays a number
+    # active mode of operation; a mode without a name is shown as a number
+    modes_of_operation_display: str | int
     fault: str
     position: int
     force: float
@@ -63,7 +65,7 @@ class FaultObjects:
 
 @dataclass(frozen=True)
 class ExcitationObjects:
-    """State of the excitation of the axis, such as "running" or "done"."""
+    """State of the excitation signal of the axis, such as "running" or "done"."""
 
     excitation_state: str
 
@@ -102,14 +104,14 @@ class ReachedPosition(StatusObjects):
 
 
 class Drive(AxisValues):
-    """An axis that accepts commands from this program. The program owns the axis after the program
-    has acquired the connection."""
+    """An axis to which this program sends commands. The connection must have acquired the axis, so
+    that the axis accepts the commands."""
 
     def set(self, **values: Value) -> None:
         """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") to the
-        axis in order. Before the first write, raises InputError for an unknown or read-only object,
-        an invalid value, or a target that the axis would limit (see bounds). Also raises Refused,
-        NoAnswer."""
+        axis in order. Raises InputError, before the first write, for an unknown or read-only
+        object, for an invalid value, and for a target that the axis would limit (see
+        forceaxis.axis.bounds). Also raises Refused, NoAnswer."""
         for name in values:
             if known_object(name).access == "ro":
                 raise InputError(
@@ -121,9 +123,9 @@ class Drive(AxisValues):
         self.link.write(raw)
 
     def put_back(self, **values: Value) -> None:
-        """Writes earlier engineering values to the axis again, or reduces a value in steps to 0. In
-        contrast to set(), this function does not check bounds, because a bound may have changed
-        since. Raises InputError, Refused, NoAnswer."""
+        """Writes engineering values without the check of bounds that set() makes. Use this function
+        to restore earlier values, whose bounds may have changed meanwhile, or to lower a value to 0
+        in steps. Raises InputError, Refused, NoAnswer."""
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
     def wait_for(
@@ -133,10 +135,11 @@ class Drive(AxisValues):
         what: str,
         timeout_s: float = 5.0,
     ) -> R:
-        """Reads the objects that are the fields of the dataclass `kind` repeatedly until
-        holds(values) is true, and returns these values. Raises NoAnswer after `timeout_s` of the
-        axis' time, or after a fault if `kind` has no field `fault`. The error text contains `what`
-        and the state of the axis."""
+        """Waits for a condition on objects of the axis. The fields of the dataclass `kind` name
+        these objects. The objects are read repeatedly until holds(values) is true, and these values
+        are returned. Raises NoAnswer after `timeout_s` by the clock of the axis. If `kind` has no
+        field `fault`, a fault also raises NoAnswer. The error text contains `what` and the state of
+        the axis."""
         names = object_names(kind)
         passed_s = 0.0
         while True:
@@ -155,8 +158,8 @@ class Drive(AxisValues):
             passed_s += POLL_PERIOD_S
 
     def about(self) -> str:
-        """Returns the state of the axis as text: drive, fault, mode of operation, position in
-        encoder counts, force in 8-bit counts."""
+        """Returns a text about the axis: drive state, fault, mode of operation, position in encoder
+        counts, and force in 8-bit counts."""
         now = self.record(DriveObjects)
         return (
             f"{state_names.condition(now.statusword, now.fault)}, mode {now.mode}, "
@@ -164,10 +167,10 @@ class Drive(AxisValues):
         )
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
-        """Enables the axis (state operation enabled) in a mode of operation, a name of
-        state_names.MODES or a number. The values in `parameters` are written before the mode
-        changes. Raises InputError for an unknown mode; Refused if the axis has a fault;
-        NoAnswer."""
+        """Enables the axis in a mode of operation, so that its drive state is "operation enabled".
+        `mode`: name in state_names.MODES, or number of the mode. `parameters`: values of objects,
+        which are written before the mode changes. Raises InputError for an unknown mode, Refused if
+        the axis has a fault, and NoAnswer."""
         number = MODES.get(mode, mode) if isinstance(mode, str) else mode
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
@@ -193,8 +196,8 @@ class Drive(AxisValues):
         self.link.write({"controlword": SHUTDOWN})
 
     def off(self) -> None:
-        """Disables an enabled axis and waits for the disabled state, at most 2 s of the axis' time.
-        Raises Refused, NoAnswer."""
+        """Disables an enabled axis and waits until it is disabled, for at most 2 s by the clock of
+        the axis. Raises Refused, NoAnswer."""
         state = self.record(StatusObjects).state
         if state not in (*POWERED, "switched on"):
             return
@@ -209,10 +212,10 @@ class Drive(AxisValues):
         self.link.write({"controlword": FAULT_RESET})
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
-        """Moves the axis to `position` in profile position mode and waits until the axis has
-        reached the position, at most `timeout_s` of the axis' time. `position`: in user units of
-        the axis, or "10 mm". Raises InputError for a position beyond a limit; Refused if a limit
-        has changed meanwhile; NoAnswer."""
+        """Moves the axis to `position` in profile position mode. Waits until the axis has reached
+        the position, for at most `timeout_s` by the clock of the axis. `position`: number in user
+        units of the axis, or a text such as "10 mm". Raises InputError for a position beyond a
+        limit, Refused if a limit has changed during the motion, and NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
         self.wait_for(
@@ -229,8 +232,8 @@ class Drive(AxisValues):
         return reached
 
     def expect_unlimited(self, targets: Mapping[str, Value], when: str) -> None:
-        """Raises Refused, in one text line, if the axis now limits one of the targets. `when`: end
-        of the message, a text such as "while it moved"."""
+        """Raises Refused if the axis now limits one of the targets. `when`: text at the end of the
+        message, such as "while it moved"."""
         try:
             bounds.expect(self, targets)
         except InputError as error:

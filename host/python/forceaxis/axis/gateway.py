@@ -23,23 +23,24 @@ from forceaxis.objects import BY_NAME
 
 T = TypeVar("T")
 READY_S = 10.0
-# Longest time in s until the polling gateway detects the end of a recording.
+# Longest time in s until the gateway, which polls the axis, detects the end of a recording.
 RECORDING_END_MAX_S = 2.0
-RETRY_PERIOD_S = 0.1  # period in s in which a refused command is sent again
-# Parts of the texts with which the gateway refuses a command (host/gateway/commands.cpp).
+RETRY_PERIOD_S = 0.1  # time in s between two attempts to send a command that the gateway refuses
+# These words occur in the text with which the gateway refuses a command
+# (host/gateway/commands.cpp).
 NOT_SET_UP_TEXT = "not set up yet"
 RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
-DEVICE = "forceaxis"  # name of the device (1008h) of every product with this product code
+DEVICE = "forceaxis"  # device name (object 1008h) of every axis with the product code of forceaxis
 OBJECTS_PER_COMMAND = 64  # largest number of objects in one command to the gateway
-# Prefixes of the names of objects that a gateway sets itself.
+# Beginnings of the names of objects that a gateway sets for its own use.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
 class GatewayLink(Link):
-    """Connection to axis 1 to 127 at the gateway of an LCM bus. `client`: an existing client, which
-    close() does not close; `ready_s`: longest time until the axis is operational and set up by the
-    gateway. Raises InputError."""
+    """Connection to an axis, with a number from 1 to 127, at the gateway of an LCM bus. `client`:
+    an existing client, which close() does not close. `ready_s`: longest time in s until the gateway
+    has set up the axis and the axis is operational. Raises InputError."""
 
     source = COMMAND_SOURCES.index("lcm")
 
@@ -55,7 +56,8 @@ class GatewayLink(Link):
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url = axis, url
-        self._armed = 0  # number of the LCM command that started the latest recording
+        # identification number of the LCM command that started the latest recording
+        self._armed = 0
 
     def manages(self, name: str) -> bool:
         return name.startswith(MANAGED_PREFIXES)
@@ -69,8 +71,8 @@ class GatewayLink(Link):
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
-        """Returns the name or version of the axis as text, made from the numbers of object 1018h,
-        because LCM transmits no texts."""
+        """Returns the device name or a version of the axis as text. LCM transmits no texts, so the
+        function makes this text from the numbers in object 1018h."""
         found = self._when_set_up(partial(self.client.read_raw, [PRODUCT, REVISION]))
         if index == DEVICE_NAME_INDEX:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
@@ -83,15 +85,17 @@ class GatewayLink(Link):
     def write(self, values: Mapping[str, int]) -> None:
         command = partial(self.client.write_raw, values)
         with self.unfed(values):
-            # An acquired axis was set up. If it no longer is, it has restarted, and a command that
-            # may move it must not arrive later.
+            # The gateway has set up an acquired axis.
+            # If this is no longer so, the axis has restarted.
+            # A late command must not arrive then, because it may move the axis.
             if self._keeper:
                 command()
             else:
                 self._when_set_up(command)
 
     def start(self) -> None:
-        """Waits until the gateway has started the node. The gateway does this without a command."""
+        """Waits until the gateway has started the CANopen node of the axis. The gateway starts
+        every node without a command."""
         end = time.monotonic() + self._ready_s
         while True:
             state = self.client.state(max(end - time.monotonic(), RETRY_PERIOD_S))
@@ -110,8 +114,9 @@ class GatewayLink(Link):
         self._keeper = GatewayKeeper(self._axis, self._url)
 
     def _when_set_up(self, command: Callable[[], T]) -> T:
-        """Returns the result of a command. The gateway refuses commands while it sets up an axis
-        that has just appeared on the bus; such a command is repeated for at most `ready_s`."""
+        """Sends a command by calling command(), and returns its result. The gateway refuses
+        commands while it sets up an axis that has just appeared on the bus. In this case, the
+        command is sent again for at most `ready_s` seconds."""
         end = time.monotonic() + self._ready_s
         while True:
             try:
@@ -135,7 +140,7 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            # The recorder of the axis still contains a finished recording of another client.
+            # The recorder of the axis still contains the finished recording of another client.
             except Refused as refusal:
                 if RECORDER_BUSY_TEXT not in str(refusal) or time.monotonic() > end:
                     raise
@@ -153,7 +158,8 @@ class GatewayLink(Link):
                 "record again"
             )
         # If CANopen owns the axis, the gateway has already made the recorder idle.
-        # A client that owns the axis over another bus must do so itself; the samples are valid.
+        # If a client on another bus owns the axis, only that client can make the recorder idle.
+        # The axis then refuses this write, but the samples are valid.
         with contextlib.suppress(Refused):
             self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)

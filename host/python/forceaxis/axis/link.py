@@ -1,9 +1,10 @@
-"""Access to the objects of one axis: the interface that all connections have in common, and the
-errors of the connections.
+"""Access to the objects of one axis. This module defines the interface that all kinds of
+connections have in common, and their error texts.
 
-A connection transfers raw values of named objects, in the axis' own time. From acquire() to
-release() it owns the axis and writes to its watchdog, which disables the axis if the program ends.
-Each kind of connection is a module of this package: sim, gateway, can, modbus.
+A connection transfers raw values of named objects. Its waiting times are measured by the clock of
+the axis. From acquire() to release(), the connection owns the axis and writes to its watchdog. If
+the program ends, the watchdog disables the axis. Each kind of connection is a module of this
+package: sim, gateway, can, modbus.
 """
 
 import abc
@@ -28,22 +29,24 @@ __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
-# Names of the owners of an axis, indexed by the raw value of the object command_source.
+# {raw value of the object command_source: name of the client that owns the axis}
 COMMAND_SOURCES = BY_NAME["command_source"].enum
-# Largest relative difference between the calibrated `force_scale` and that of the sensor.
+# Largest relative difference between `force_scale` of the axis and the scale of the sensor.
+# A larger difference causes a warning.
 FORCE_SCALE_TOLERANCE = 0.1
-# CANopen indices of two texts: name of the device, version of the firmware of the device.
+# CANopen indices of the texts device name, hardware version and firmware version.
 DEVICE_NAME_INDEX, HARDWARE_INDEX, VERSION_INDEX = 0x1008, 0x1009, 0x100A
 
 
-# Text for the user for each error code FW_ERROR_ of the firmware.
+# {error code FW_ERROR_ of the firmware: text for the user}
 REASONS = {refusal.error: refusal.text for refusal in REFUSALS.values()}
 NOT_NOW = REFUSALS["state"].error
 
 
 def reason(what: str, error: int) -> str | None:
-    """Returns the text for an error code of the firmware, or None for another code. `what`: what
-    the axis has refused, such as the name of an object."""
+    """Returns a text for the user about an access that the axis has refused, or None for an unknown
+    error code. `what`: name of the refused access, such as the name of an object. `error`: error
+    code of the firmware."""
     text = REASONS.get(error)
     return f"{text}{state_needed(what)}" if error == NOT_NOW else text
 
@@ -53,19 +56,19 @@ RawSamples = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Recording:
-    """Recording of signals from the recorder of the axis: raw values in the shape (samples,
-    signals). The samples are `decimation` ticks apart."""
+    """A recording that the recorder of the axis has made. It has one column of raw values for each
+    signal. Two consecutive samples are `decimation` ticks apart."""
 
     signals: tuple[str, ...]
-    #: Raw values of the signals, shape (n, len(signals)), as int64. Values of unsigned objects are
-    #: >= 0.
+    #: Raw values as int64, with one row for each sample and one column for each signal.
+    #: Values of unsigned objects are >= 0.
     raw: RawSamples = field(repr=False)
     decimation: int = 1
     trigger_sample: int = 0  # index of the first sample at or after the trigger
 
     def values(self, name: str) -> NDArray[np.int64 | np.float64]:
-        """Returns one signal of the recording in engineering units as an array (n,). The array
-        contains integers if the scale of the object is 1."""
+        """Returns one signal of the recording in engineering units, with one value for each sample.
+        The values are integers if the scale of the object is 1."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
         return column if known.scale == 1 else column.astype(float) * known.scale
@@ -76,29 +79,31 @@ class Recording:
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Returns the times of the samples in s from the trigger as an array (n,)."""
+        """Returns the time of each sample in s from the trigger."""
         samples = np.arange(len(self.raw)) - self.trigger_sample
         return np.asarray(samples * (self.decimation / TICKS_PER_S))
 
 
 class Link(abc.ABC):
-    """A connection to one axis. `where` is the name of the axis in messages, such as "axis 1 at the
-    gateway". Several threads may use a connection.
+    """A connection to one axis. Several threads may use the connection at the same time. `where` is
+    the name of the axis in messages, such as "axis 1 at the gateway".
 
-    `source` is the raw command_source of its writes. `warning` is one line for the user, or None.
-    `counts_per_metre` is the scale of the encoder if a model gives it.
+    `source` is the raw value of the object command_source while this connection owns the axis.
+    `warning` is a warning of one line for the user, or None. `counts_per_metre` is the number of
+    encoder counts per metre, or None if no model states it.
     """
 
     where: str
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    # Thread that keeps the axis acquired, from acquire() to release().
+    # From acquire() to release(), this thread writes the watchdog or sends the heartbeat.
+    # Otherwise None.
     _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:
-        """Takes the size of an encoder count from the encoder of a model (a path). Raises
-        InputError if the model has no encoder."""
+        """Reads the size of an encoder count from the encoder in a model file. Raises InputError if
+        the model has no encoder."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(
@@ -117,8 +122,8 @@ class Link(abc.ABC):
         return self.read([name])[name]
 
     def reaches(self, name: str) -> bool:
-        """Returns True if this connection can access an object. Over Modbus, only objects with a
-        register can be accessed."""
+        """Returns True if this connection can access an object. Modbus can access only objects that
+        have a register."""
         return True
 
     def manages(self, name: str) -> bool:
@@ -127,19 +132,21 @@ class Link(abc.ABC):
         return False
 
     def text(self, index: int) -> str | None:
-        """Returns a CANopen text of the axis: name of the device (1008h) or version of the firmware
-        (100Ah). Returns None if the connection transmits no texts."""
+        """Returns the text that the axis has at a CANopen index, such as the device name (1008h) or
+        the firmware version (100Ah). Returns None if the connection transmits no texts."""
         return None
 
     def cycle_curve(self) -> bytes | None:
         """Returns the points of the curve of the last cycle (object cycle_curve_data). Returns None
-        if this connection transmits no domains; then cycle_curve_first shows points in cycle_data.
-        Raises Refused, NoAnswer."""
+        if this connection transmits no domains. In this case, a client writes the object
+        cycle_curve_first to see points of the curve in the objects cycle_data. Raises Refused,
+        NoAnswer."""
         return None
 
     def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
-        """Writes an update of the firmware (object program_data). `written` is called with the
-        number of bytes that the axis has. Raises Refused, NoAnswer."""
+        """Writes an update of the firmware to the object program_data. `written` is a function that
+        is called repeatedly with the number of bytes that were transferred. Raises Refused,
+        NoAnswer."""
         raise Refused(f"{self.where}: an update needs a connection over CAN or Modbus")
 
     @abc.abstractmethod
@@ -148,8 +155,8 @@ class Link(abc.ABC):
         Raises Refused, NoAnswer."""
 
     def start(self) -> None:
-        """Brings the node of the axis into the NMT state operational. A node that was stopped has
-        disabled its drive. The drive stays disabled until its owner enables it. Raises Refused,
+        """Brings the node of the axis into the NMT state operational. A stopped node has disabled
+        its drive, and the drive stays disabled until its owner enables it. Raises Refused,
         NoAnswer."""
         raise Refused(
             f"{self.where}: expected a connection over CAN or to a gateway, because NMT, which "
@@ -157,8 +164,8 @@ class Link(abc.ABC):
         )
 
     def disturbance(self) -> str | None:
-        """Returns a sentence about another client that uses the channel over which recordings and
-        curves are read and would interrupt them, or None."""
+        """Returns a sentence about another client that would interrupt the reading of a recording
+        or of a curve, because it uses the same channel. Returns None if there is no such client."""
         return None
 
     @abc.abstractmethod
@@ -170,7 +177,7 @@ class Link(abc.ABC):
         """Releases the axis, which must already be disabled."""
 
     def wait(self, seconds: float) -> None:
-        """Waits for `seconds` in the time of the axis."""
+        """Waits for `seconds` by the clock of the axis."""
         time.sleep(seconds)
 
     def polls(self, seconds: float) -> Iterator[float]:
@@ -184,21 +191,22 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
-        """Starts a recording of up to 8 objects. `settings` is {recorder object without its prefix:
-        raw value}, where the names are length, decimation, pretrigger, trigger_source,
+        """Starts a recording of up to 8 objects. `settings` has raw values of objects of the
+        recorder, whose names have no prefix: length, decimation, pretrigger, trigger_source,
         trigger_edge, trigger_level."""
 
     @abc.abstractmethod
     def fetch(self, signals: Sequence[str]) -> None:
-        """Loads an incident of the black box into the recorder of the axis. The black box has
-        recorded `signals`. The next reading of the recorder returns the incident. Raises Refused
-        without an incident."""
+        """Loads the incident that the black box of the axis has stored into the recorder. The next
+        reading of the recorder returns the incident. `signals`: names of the signals that the black
+        box has recorded. Raises Refused if the axis has no incident."""
 
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
-        """Waits for the armed recording, at most `timeout_s` of the axis' time, and returns the
-        recording. Afterwards the recorder is idle, so that the black box records again, unless
-        another source owns the axis. Raises NoAnswer."""
+        """Waits for the end of the recording that arm() has started, for at most `timeout_s` by the
+        clock of the axis, and returns the recording. Then makes the recorder idle, so that the
+        black box records again. This is not possible if another client owns the axis. Raises
+        NoAnswer."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -206,8 +214,8 @@ class Link(abc.ABC):
 
     @contextlib.contextmanager
     def unfed(self, names: Iterable[str]) -> Iterator[None]:
-        """Context manager during which no WatchdogKeeper writes the watchdog, if the watchdog is
-        among the objects `names`."""
+        """Context manager for a write to the objects `names`. If these include the watchdog, no
+        WatchdogKeeper writes the watchdog meanwhile."""
         keeper = self._keeper
         if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"}.intersection(names):
             with keeper.unchanged:
@@ -229,8 +237,8 @@ class RecorderLink(Link):
 
     @abc.abstractmethod
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        """Reads the samples from the recorder after the end of a recording. Returns an array (n,
-        len(signals)) as int64. Raises NoAnswer."""
+        """Reads the samples from the recorder after the end of a recording. Returns raw values as
+        int64, with one row for each sample and one column for each signal. Raises NoAnswer."""
 
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         self.write({"recorder_arm": 0})
@@ -252,7 +260,8 @@ class RecorderLink(Link):
         signals, decimation = self._armed
         trigger = self.read_one("recorder_trigger_index")
         raw = self._samples(signals)
-        # Another source may own the axis since; the samples are here all the same.
+        # If another client owns the axis meanwhile, the axis refuses this write.
+        # The samples are valid.
         with contextlib.suppress(Refused):
             self.write({"recorder_arm": 0})
         return Recording(signals, raw, decimation, trigger)
@@ -276,20 +285,21 @@ class RecorderLink(Link):
 
 
 def _address(name: str) -> int:
-    """Returns the number by which the recorder selects a signal: CANopen index times 256 plus
-    sub-index of the object."""
+    """Returns the number by which the recorder selects a signal. This number is the CANopen index
+    of the object times 256, plus its sub-index."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
 
 
 def unsigned(name: str, raw: int) -> int:
-    """Returns the unsigned value of a raw value that was received as a signed 32-bit word."""
+    """Converts a raw value of an unsigned object that was received as a signed 32-bit integer.
+    Returns the value of a signed object unchanged."""
     return raw + 2**32 if raw < 0 and BY_NAME[name].type == "u32" else raw
 
 
 def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
-    """Returns the raw values that must be written to the objects of the stopped recorder before a
-    recording starts."""
+    """Returns the raw values that must be written to the objects of the recorder, while it is
+    stopped, before a recording starts."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {

@@ -1,5 +1,5 @@
-"""Access to an axis over Modbus, RTU or the TCP server of a gateway, with the registers of the
-object table."""
+"""Access to an axis over Modbus. The axis is reached over Modbus RTU or over the Modbus TCP server
+of a gateway. The object table defines the registers."""
 
 import contextlib
 import logging
@@ -29,14 +29,16 @@ if TYPE_CHECKING:
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # a path may contain colons
-BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
+BAUD_RATE = 115_200  # default baud rate of the firmware, with 8 data bits and even parity
 PARITIES = "EN"
-# total size in bytes of cycle_data_1 to _16, which is also that of the head of an update
+# total size in bytes of the objects cycle_data_1 to cycle_data_16; the head of an update has the
+# same size
 PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
-PART_TRIES = 3  # tries of a request whose answer is lost; the axis ignores repeated bytes
+# number of attempts if the answer to a request is lost; the axis ignores bytes that it has already
+PART_TRIES = 3
 MOST_REGISTERS = 125  # largest number of registers in one request
-# {CANopen index of a text: object id of the same text in Modbus function 43 / 14}
+# {CANopen index of a text: number of the same text in Modbus function 43 / 14}
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
 NOT_NOW = 4  # exception code "server device failure"
 TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
@@ -51,8 +53,9 @@ EXCEPTIONS = {
 
 
 def client(url: str, timeout_s: float = 1.0, bit_rate: int | None = None) -> "ModbusBaseSyncClient":
-    """Returns a connected pymodbus client. With `bit_rate`, in bit/s, `url` is the path of a
-    serial device. Raises InputError, NoAnswer."""
+    """Returns a connected client of the library pymodbus. `bit_rate`: bit rate of a serial line in
+    bit/s, or None. If it is given, `url` is the path of the serial device. Raises InputError,
+    NoAnswer."""
     tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
@@ -74,7 +77,8 @@ def client(url: str, timeout_s: float = 1.0, bit_rate: int | None = None) -> "Mo
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         device, baud = (url, bit_rate) if bit_rate else (serial[1], int(serial[2] or BAUD_RATE))
-        # Parity is off for a pseudo-terminal, which cannot be opened with parity.
+        # A pseudo-terminal cannot be opened with parity.
+        # Therefore a client with parity is tried first, and then a client without parity.
         made = [
             ModbusSerialClient(device, baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
@@ -97,8 +101,8 @@ def _width(known: AxisObject) -> int:
 
 
 def _adjacent(names: Iterable[str]) -> Iterator[list[str]]:
-    """Yields the names in their order, in lists of objects that one request can read because their
-    registers follow each other."""
+    """Splits names of objects, in their order, into lists. One request can read all objects of a
+    list, because their registers are adjacent."""
     adjacent: list[str] = []
     registers = 0
     for name in names:
@@ -120,9 +124,10 @@ def _adjacent(names: Iterable[str]) -> Iterator[list[str]]:
 
 
 class ModbusLink(Link):
-    """A Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". With `bit_rate`, in bit/s, `url`
-    is the path of a serial device. Objects without a register, and recordings, are refused before a
-    request is sent. A thread repeatedly writes the watchdog. Raises InputError, NoAnswer."""
+    """Connection to a Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". `bit_rate`: bit
+    rate in bit/s, or None; if it is given, `url` is the path of a serial device. The connection
+    refuses recordings and objects without a register, without sending a request. While it owns the
+    axis, a thread repeatedly writes the watchdog. Raises InputError, NoAnswer."""
 
     source = COMMAND_SOURCES.index("modbus")
 
@@ -135,7 +140,7 @@ class ModbusLink(Link):
         self._low_first: bool | None = None
 
     def _ask(self, what: str, ask: "Callable[[], ModbusPDU]") -> "ModbusPDU":
-        """Sends the request ask() and returns the answer. Raises Refused, NoAnswer."""
+        """Sends a request by calling ask(), and returns the answer. Raises Refused, NoAnswer."""
         from pymodbus.exceptions import ModbusException
 
         try:
@@ -152,7 +157,8 @@ class ModbusLink(Link):
         return answer
 
     def _ask_again(self, what: str, ask: "Callable[[], ModbusPDU]") -> None:
-        """Sends a request that may be repeated, PART_TRIES times. Raises Refused, NoAnswer."""
+        """Sends a request by calling ask(). If the answer is lost, sends the request again, up to
+        PART_TRIES times in total. Raises Refused, NoAnswer."""
         for _ in range(PART_TRIES - 1):
             with contextlib.suppress(NoAnswer):
                 self._ask(what, ask)
@@ -163,8 +169,8 @@ class ModbusLink(Link):
         return BY_NAME[name].modbus >= 0
 
     def text(self, index: int) -> str | None:
-        """Returns one text of the device identification, which is read by Modbus function 43 /
-        14."""
+        """Returns one text of the device identification. Modbus function 43 / 14 reads this
+        text."""
         if index not in IDENTIFICATION_OBJECTS:
             return None
         from pymodbus.pdu.mei_message import ReadDeviceInformationResponse
@@ -194,7 +200,7 @@ class ModbusLink(Link):
         return self._read_adjacent([name])[name]
 
     def _read_adjacent(self, names: Sequence[str]) -> dict[str, int]:
-        """Returns the raw values of objects whose registers follow each other, by one request."""
+        """Reads objects with adjacent registers by one request, and returns their raw values."""
         known = [BY_NAME[name] for name in names]
         count = sum(map(_width, known))
         client = self.client
@@ -233,7 +239,7 @@ class ModbusLink(Link):
         self._ask(name, lambda: write_both(known.modbus, words, device_id=self._unit))
 
     def _word_order(self) -> bool:
-        """Returns True if the lower half of a 32-bit value is in the first register."""
+        """Returns True if the first register of a 32-bit value contains its lower half."""
         if self._low_first is None:
             self._low_first = bool(self._read("modbus_word_order"))
         return self._low_first
@@ -255,8 +261,9 @@ class ModbusLink(Link):
                     self._low_first = bool(raw)
 
     def download_update(self, data: bytes, written: Callable[[int], None]) -> None:
-        """Writes the update piece by piece. Each request writes cycle_data_offset and the 16 words
-        after it. The axis erases the slot during the request that has the head of the update."""
+        """Writes an update of the firmware in pieces. Each request writes one piece to the objects
+        cycle_data, and its offset to cycle_data_offset. The axis erases its memory for the new
+        image during the first request, which contains the head of the update."""
         first = BY_NAME["cycle_data_offset"].modbus
         write = self.client.write_registers
         for at in range(0, len(data), PART_BYTES):

@@ -1,26 +1,28 @@
 """Reads and writes the parameters of an axis as a TOML file.
 
     [about]                         # object table, firmware, node and date; see `others` below
-    [axis], [law], [drive], ...     # a table for each part of the object table
+    [axis], [law], [drive], ...     # a table for each group of objects in the object table
     force_gain = 7.5                # code/count
     bank_gain = [4.37, 0.0, 0.0, 0.0]
-    # values of this axis' own sensor: tare, points of the calibration
+    # values that belong to the sensor of this axis: tare, calibration points
     [measured]
     [objects]                       # type, scale, unit and range of each object above
     force_gain = { type = "u16", ... }
 
-A value is in the unit of the object table, with as many digits as give its raw value back; an enum
-is its text, an array a list, a COB-ID that follows the node id "$NODEID+0x180", as in an EDS.
+A value is in the unit that the object table states, with so many digits that it is converted back
+to the same raw value. The value of an enumeration is a text, and an array is a list. A COB-ID that
+depends on the node id is a text such as "$NODEID+0x180", as in an EDS file.
 
-A parameter is what the axis stores, with two exceptions. Identity (IDENTITY: node id, bit rate, the
-time stamp of 1020h) is in no file, because two axes must not have the same. Measurements (MEASURED:
-tare, calibration) belong to one sensor; they are in [measured], which is loaded and compared only
-where that is asked for. force_scale, what a calibration is for, is a parameter: the law and its
-certificate depend on it.
+A parameter is a value that the axis stores, with two exceptions. The objects of IDENTITY (node id,
+bit rate, time stamp of object 1020h) are in no file, because two axes must not have the same
+identity. The objects of MEASURED (tare, calibration points) belong to one sensor. They are in the
+table [measured], which is loaded and compared only on request. force_scale, the result of a
+calibration, is a parameter, because the force law and its certificate depend on it.
 
-others = "defaults": the file holds what differs from the defaults; all else is a default, but for
-what `without` names, which could not be read or belonged to a gateway. Without `others`, as in the
-bank.toml of a designed law, a file concerns what it names and nothing else.
+If [about] has others = "defaults", the file contains only values that differ from the default
+values. All other parameters then have their default values, except those in the list `without`,
+which could not be read or were set by a gateway. If [about] has no `others`, as in the file
+bank.toml of a designed law, the file does not concern the parameters that it does not contain.
 """
 
 import itertools
@@ -53,8 +55,9 @@ HEXADECIMAL_NAMES = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
-    """Returns the arrays in the object table as {common name: objects}. The objects of an array are
-    similar, adjacent in the table and numbered from 1."""
+    """Finds arrays in the object table. Returns {common name: objects of the array}. The objects of
+    an array have the same properties, are adjacent in the table, and have numbered names, beginning
+    with 1."""
     found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
         stem, _, number = o.name.rpartition("_")
@@ -73,8 +76,8 @@ ARRAY_OF = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 @dataclass(frozen=True)
 class About:
-    """The table [about] of a parameter file, which describes the axis from which dump() wrote the
-    file. A field that is None is not in the file."""
+    """The table [about] of a parameter file. It describes the axis whose parameters dump() has
+    written. A field whose value is None is not in the file."""
 
     object_table: str  # hash of the object table as 0x and 8 digits
     firmware: str | None
@@ -87,8 +90,9 @@ class About:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """Content of a parameter file: {object: raw value} of parameters and of the table [measured],
-    in the order of the file, and the names of the objects that have default values."""
+    """Content of a parameter file: {object: raw value} of the parameters, {object: raw value} of
+    the table [measured], and the names of the objects that have default values. The objects are in
+    the order of the file."""
 
     values: dict[str, int]
     defaults: tuple[str, ...]
@@ -96,13 +100,13 @@ class ParameterFile:
 
 
 def default(known: AxisObject, node_id: int) -> int:
-    """Returns the raw default value of an object for a node id."""
+    """Returns the raw default value of an object, which may depend on the node id."""
     return known.default + (node_id if known.node_id else 0)
 
 
 def engineering(known: AxisObject, raw: int) -> float:
-    """Returns the engineering value with the fewest digits that is converted back to the raw value
-    `raw`."""
+    """Returns the engineering value of a raw value, with the fewest digits from which the same raw
+    value is computed."""
     if known.scale == 1:
         return raw
     for digits in range(1, 17):
@@ -113,7 +117,7 @@ def engineering(known: AxisObject, raw: int) -> float:
 
 
 def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
-    """Returns the raw value of an object as the text that a parameter file contains."""
+    """Returns the text of a value in a parameter file. `raw` is the raw value of the object."""
     for name, value in texts(known).items():
         if value == raw:
             return f'"{name}"'
@@ -129,8 +133,8 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
 
 @dataclass(frozen=True)
 class Signature:
-    """Properties that give the value of an object its meaning in a parameter file: type, scale,
-    unit, range of the raw value, texts of an enumeration."""
+    """Properties of an object that define the meaning of its value in a parameter file: type,
+    scale, unit, range of the raw value, and texts of an enumeration."""
 
     type: str
     scale: float
@@ -148,9 +152,9 @@ def signature(known: AxisObject) -> Signature:
 
 
 def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
-    """Returns the text of a parameter file with the parameters {object: raw value}. `everything`:
-    True includes default values. The table `without` of the file names the parameters that are not
-    among the values."""
+    """Returns the text of a parameter file. `values`: {object: raw value}. `everything`: True if
+    the file has to contain default values too. The list `without` of the file names all parameters
+    that are not in `values`."""
     node_id = about.node_id
     groups: dict[str, list[str]] = {}
     named: list[tuple[str, AxisObject]] = []
@@ -182,15 +186,15 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
-    """Yields the name and the objects of each text line in a parameter file. A text line contains
-    an array or a single object."""
+    """Yields the name and the objects of each entry of a parameter file. An entry is an array or a
+    single object."""
     for name, elements in itertools.groupby(PARAMETERS, lambda o: ARRAY_OF.get(o.name) or o.name):
         yield name, tuple(elements)
 
 
 def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
-    """Returns a text line NAME = VALUE of a parameter file, with the unit in a comment. A list of
-    objects with several CANopen indices has one text line for each index."""
+    """Returns an entry NAME = VALUE of a parameter file, with the unit in a comment. An array whose
+    objects have several CANopen indices has one text line for each index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
     if name not in ARRAYS:
@@ -214,7 +218,7 @@ class Header:
     #: True if all parameters that are not in the parameter file have their default values.
     has_defaults: bool
     without: list[str]  # names of objects or arrays without a value in the parameter file
-    # Table of type, scale, unit and range (see Signature) for each object or array.
+    # {name of an object or array: table with its type, scale, unit and range; see Signature}
     objects: dict[str, toml.TomlValue]
 
 
@@ -252,8 +256,7 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
 def _file_entries(
     path: Path | str, tables: Mapping[str, toml.TomlValue]
 ) -> Iterator[tuple[str, toml.TomlValue]]:
-    """Yields key and value of each text line in the tables of a parameter file. Raises
-    InputError."""
+    """Yields key and value of each entry in the tables of a parameter file. Raises InputError."""
     for group, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(
@@ -265,7 +268,8 @@ def _file_entries(
 
 def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
     """Reads a parameter file as a ParameterFile. `skip`: names of objects or arrays that are not
-    read. Raises InputError with all entries that do not agree with the object table."""
+    read. If entries do not agree with the object table, raises one InputError that states all of
+    them."""
     tables = toml.read(path)
     header = _pop_header(path, tables)
     problems: list[str] = []
@@ -348,8 +352,8 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
 
 
 def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.TomlValue]]:
-    """Yields object and value for each value in one text line of a parameter file. Raises
-    InputError."""
+    """Returns a list of the objects and values in one entry of a parameter file. `key` is the name
+    of an object or of an array. Raises InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
     if key in ARRAYS:
@@ -377,8 +381,8 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
 
 def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
     """Checks that type, scale, unit and texts of an object are the same in the parameter file and
-    in this program, so that the value of the object has the same meaning. The range of the object
-    may have become larger. Raises InputError."""
+    in this program. Only then does the value in the file have the same meaning. The range of the
+    object may be larger in this program. Raises InputError."""
     if described is None:
         return
     if not isinstance(described, dict):

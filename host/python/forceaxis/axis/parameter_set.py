@@ -1,9 +1,10 @@
 """Operations on the parameters of an axis: read, compare with a file, load from a file, store,
 restore.
 
-A file is loaded completely or not at all. Values that limit each other are written in several
-rounds until the axis has accepted all; if it refuses one, all previous values are restored. Loaded
-values are active at once and lost at the next power cut, unless store() stores them.
+A file is loaded completely or not at all. The limits of some values depend on other values.
+Therefore the values are written in several rounds until the axis has accepted all of them. If the
+axis still refuses a value, all previous values are restored. Loaded values are active at once. They
+are lost at the next power-off, unless store() stores them.
 """
 
 import datetime
@@ -20,10 +21,12 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, mask
 from forceaxis.results import json_field
 
-# Bit of a COB-ID that disables the PDO. Only a disabled PDO can be changed.
+# Bit of a COB-ID that disables the PDO.
+# The axis permits changes of a PDO only while it is disabled.
 INVALID_COB_ID = mask("rpdo_cob_id_1", "off")
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
-# Objects whose names contain one of these texts are written last, in this order.
+# Objects whose names contain one of these texts are written after all others, in the order of the
+# texts.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
 WRITE_RANKS = 1 + len(WRITTEN_LAST)
 STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to erase a sector of flash
@@ -41,8 +44,8 @@ class BankState:
 
 @dataclass(frozen=True)
 class DifferenceShown:
-    """A parameter that differs between axis and file, for a user: the values are texts of
-    enumerations or engineering values in `unit`."""
+    """A parameter that differs between axis and file, in the form for a user. The values are texts
+    of enumerations, or engineering values in `unit`."""
 
     name: str
     axis: float | str
@@ -68,9 +71,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class LoadResult:
-    """The parameters that a file has changed or would change. `concerned` is the number of all
-    parameters in the file. `managed` names parameters of the file that are skipped, because the
-    gateway of the connection sets these parameters."""
+    """Result of loading a file: the parameters that the file has changed, or would change in a dry
+    run. `concerned` is the number of all parameters in the file. `managed` names the parameters of
+    the file that were skipped because a gateway sets them."""
 
     changed: list[Difference]
     concerned: int
@@ -85,8 +88,8 @@ def shown(known: AxisObject, raw: int) -> float | str:
 
 
 def read(axis: Drive) -> dict[str, int]:
-    """Returns the raw values of all parameters that the connection can access and does not set
-    itself, with the names of the objects as keys. Raises Refused, NoAnswer."""
+    """Reads all parameters of the axis. Returns {name of the object: raw value}. Parameters that
+    the connection cannot access or that a gateway sets are left out. Raises Refused, NoAnswer."""
     expect_table(axis)
     link = axis.link
     return link.read(
@@ -95,8 +98,8 @@ def read(axis: Drive) -> dict[str, int]:
 
 
 def expect_table(axis: Drive) -> None:
-    """Raises Refused if the axis has another object table, in which names may have other
-    meanings."""
+    """Raises Refused if the object table of the axis differs from that of this program, because the
+    same name may have another meaning there."""
     theirs = f"0x{axis.link.read_one('object_table_hash'):08x}"
     ours = parameter_file.table_hash()
     if theirs != ours:
@@ -122,16 +125,16 @@ def about(axis: Drive) -> About:
 
 
 def dump(axis: Drive, everything: bool = False) -> str:
-    """Returns the text of a file with the parameters of the axis. `everything`: True includes
-    parameters with default values."""
+    """Returns the text of a parameter file with the parameters of the axis. `everything`: True if
+    the file has to contain default values too."""
     return parameter_file.dump(read(axis), about(axis), everything)
 
 
 def differences(
     axis: Drive, path: Path | str, skip: Collection[str] = (), measured: bool = False
 ) -> list[Difference]:
-    """Returns the parameters that differ between an axis and a file. `measured`: True includes the
-    table [measured] of the file. Raises InputError, Refused, NoAnswer."""
+    """Returns the parameters that differ between an axis and a file. `measured`: True if the table
+    [measured] of the file is compared too. Raises InputError, Refused, NoAnswer."""
     return _compared(axis, read(axis), path, skip, measured).changed
 
 
@@ -142,8 +145,8 @@ def _compared(
     skip: Collection[str],
     measured: bool,
 ) -> LoadResult:
-    """Returns the changes that a file makes to the parameters `before` ({object: raw value}),
-    without the state of the filter bank."""
+    """Compares a file with the parameters `before` ({object: raw value}). Returns the changes that
+    loading the file would make. The result does not contain the state of the filter bank."""
     node_id = axis.link.read_one("node_id")
     file = parameter_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
@@ -172,9 +175,9 @@ def load(
 ) -> LoadResult:
     """Writes the values of a file to the parameters of a disabled axis, which this program owns.
 
-    All parameters are set or none: raises InputError before the first write, and Refused with the
-    name of the refused parameter after the previous values have been restored. dry_run writes
-    nothing.
+    Either all parameters are set or none. InputError is raised before the first write. If the axis
+    refuses a parameter, the previous values are restored, and Refused names this parameter.
+    `dry_run`: True compares the file with the axis and writes nothing.
     """
     before = read(axis)
     loaded = _compared(axis, before, path, skip, measured)
@@ -227,10 +230,10 @@ def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
-    """Returns the raw values that must be written first, so that the axis accepts the other values:
-    no filter bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is monitored
-    twice. After the changes, write() restores the earlier values of all objects that the changes do
-    not contain."""
+    """Returns the raw values that must be written before `changes`, so that the axis accepts the
+    changes. With these values, no filter bank is selected, the changed PDOs have no entries, the
+    changed COB-IDs are invalid, and no node is monitored twice. If `changes` do not contain such an
+    object, write() restores its earlier value at the end."""
     park: dict[str, int] = {}
     law = any(BY_NAME[name].part == "law" or name == "adc_bits" for name in changes)
     if law and present["force_bank"]:
@@ -255,9 +258,9 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
 
 
 def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
-    """Writes {object: raw value} to the axis in rounds. In each round, the program writes the
-    values again that the axis has refused in the previous round. Raises Refused for the first value
-    if the axis refuses all values of a round."""
+    """Writes {object: raw value} to the axis in rounds. Each round writes the values again that the
+    axis has refused in the previous round. If the axis refuses all values of a round, raises
+    Refused for the first of them."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
@@ -280,14 +283,15 @@ def _write_rounds(axis: Drive, remaining: Mapping[str, int]) -> None:
 
 
 def _rank(name: str) -> int:
-    """Returns the position of an object in the order of writing. The entries of a PDO precede the
-    number of entries, then follow the COB-ID that enables the PDO, and the selected filter bank."""
+    """Returns a number by which objects are sorted before they are written. Of a PDO, the entries
+    are written first, then the number of entries, then the COB-ID that enables the PDO. The
+    selected filter bank is written last."""
     return next((i for i, end in enumerate(WRITTEN_LAST, 1) if end in name), 0)
 
 
 def _explained(axis: Drive, name: str, raw: int) -> str:
-    """Returns a text about a value that the axis has refused. For a filter bank the text states the
-    reason."""
+    """Returns a text about a value that the axis has refused. If the value selects a filter bank,
+    the text also states why the axis refused the filter bank."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
     state = f"bank_state_{raw}"
@@ -301,8 +305,8 @@ def _explained(axis: Drive, name: str, raw: int) -> str:
 
 
 def store(axis: Drive) -> None:
-    """Stores all parameters of a disabled axis, which this program owns, and waits for the end of
-    the storing. Raises Refused with the state of the parameter store; NoAnswer."""
+    """Stores all parameters of a disabled axis, which this program owns, and waits until they are
+    stored. Raises Refused with the state of the parameter store, and NoAnswer."""
     _command(axis, "store_parameters", "saved")
 
 
@@ -314,7 +318,7 @@ def restore(axis: Drive) -> None:
 
 @dataclass(frozen=True)
 class StoreObjects:
-    """State of the parameter store, and the fault of the axis."""
+    """State of the parameter store of the axis, and the latched fault of the axis."""
 
     store_state: str
     fault: str

@@ -1,10 +1,11 @@
 """Converts the text of a user to the value of an object. The text is a number in the unit of the
 object, a text of an enumeration, or a quantity such as "75 N", "10 mm" or "4mm/s".
 
-Forces are converted by the axis' own force_scale and rated_force; times and codes have fixed
-factors. Lengths need the size of a position count: from user units of the axis (6092h, named by
-60A8h), or from the encoder of a model, which a simulated axis has and the caller gives for a real
-axis. Lengths have the zero and the direction of the axis' positions.
+Forces are converted with force_scale and rated_force of the axis. Times and codes are converted
+with fixed factors. For lengths, the size of a position count must be known. It is known from the
+user units of the axis (objects 6092h and 60A8h) or from the encoder in a model. A simulated axis
+has a model, for a real axis the caller gives one. A length as a target position is measured from
+position 0, in the positive direction of the axis.
 """
 
 import re
@@ -22,31 +23,32 @@ from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME, AxisObject, default
 
 CODES_PER_V = 4096 / 20  # DAC codes per volt
-METRE_UNIT = 0x01  # of CiA 303-2
+METRE_UNIT = 0x01  # code of the unit metre in CiA 303-2
 NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-# Objects whose unit is per mille of the object rated_force.
+# Objects whose value is in per mille of the object rated_force.
 PER_MILLE_OF_RATED_FORCE = {
     "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
     "force_demand", "force_actual",
 }  # fmt: skip
-# Objects whose unit is the DAC code. For all other objects, the unit "code" is an ADC code.
+# Objects whose unit "code" means a DAC code. For all other objects, "code" means an ADC code.
 DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "dac_fine",
     "command_code",
 }  # fmt: skip
-# For each unit: the SI unit, and the number of units in one SI unit.
+# {unit of an object: (SI unit, number of these units in one SI unit)}
 FIXED_UNITS = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
-# For each unit with encoder counts: SI unit, and exponent of the tick rate in the conversion.
+# {unit with encoder counts: (SI unit, exponent of the tick rate in the conversion)}
 COUNT_UNITS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
 COUNTS_WITHOUT_LENGTH = {"encoder_increments"}
-# CiA 402 objects whose unit is the count even if the axis has user units.
+# Indices of CiA 402 objects whose unit is always the encoder count, even if the axis has user
+# units.
 COUNT_INDICES = (0x6063, 0x6069)
 UNKNOWN_COUNT_SIZE = (
     "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
@@ -67,8 +69,8 @@ class GearObjects:
 
 @dataclass(frozen=True)
 class Force:
-    """A force that the user has given. `newton`: True for a value in N, False for a value in 8-bit
-    counts."""
+    """A force that the user has given, either in N or in 8-bit counts. `newton`: True for a value
+    in N."""
 
     value: float
     newton: bool
@@ -80,8 +82,9 @@ def force_per_count(axis: AxisValues) -> float:
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
-    """Returns True if `force_scale`, in uN per count, still has its default value, which does not
-    belong to the sensor of the axis. `calibration_date`: 0 without a calibration."""
+    """Returns True if the axis was never calibrated, so that `force_scale`, in uN per count, still
+    has its default value. This value does not belong to the sensor of the axis. `calibration_date`:
+    value of the object, which is 0 before the first calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
 
@@ -91,7 +94,7 @@ def is_reading(known: AxisObject | None) -> bool:
 
 
 def user_per_count(axis: AxisValues) -> float | None:
-    """Returns the number of user units per encoder count, which is 1 without user units. Returns
+    """Returns the number of user units per encoder count. An axis without user units has 1. Returns
     None if the connection cannot access the objects of the user units."""
     if not axis.number("feed"):
         return 1.0
@@ -114,8 +117,8 @@ def _metres_of_user(axis: AxisValues) -> float | None:
 
 
 def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
-    """Returns the number of object units per metre, for an object that is a position, a speed or an
-    acceleration. Returns None if the number is not known."""
+    """Returns the number of position counts per metre, in the unit of an object that is a position,
+    a speed or an acceleration. Returns None if this number is not known."""
     of_user = known.index >= 0x6000 and known.index not in COUNT_INDICES
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre
@@ -137,8 +140,8 @@ def _is_length(known: AxisObject) -> bool:
 
 
 def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
-    """Returns the SI unit for an object, and the number of object units in one SI unit. Returns
-    None if the object has no physical unit, or if the scale of the object is not known."""
+    """Returns the SI unit of an object, and how many units of the object are one SI unit. Returns
+    None if the object has no physical unit or if this number is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in PER_MILLE_OF_RATED_FORCE:
@@ -155,9 +158,9 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
 
 
 def parse(axis: AxisValues, name: str, text: str) -> Value:
-    """Returns the value for Axis.set() from the text of a user. The text is a number, a quantity
-    such as "30 count", "75 N" or "10 mm" if the object has such a unit, or the text of an
-    enumeration. Raises InputError."""
+    """Converts the text of a user to a value for Axis.set(). The text is a number, or the text of
+    an enumeration, or a quantity with a unit that fits the object, such as "30 count", "75 N" or
+    "10 mm". Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text
@@ -181,9 +184,9 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
 
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
-    """Returns the raw values of engineering values, texts of enumerations or quantities that are to
-    be written in this order. If `rated_force` is among these values, its new value is the scale of
-    a later `target_force`. Raises InputError."""
+    """Converts values to raw values. `values`: {object: engineering value, text of an enumeration
+    or quantity}, in the order in which they are written. If `rated_force` is one of them, a later
+    `target_force` is converted with this new `rated_force`. Raises InputError."""
     raw: dict[str, int] = {}
     planned = PlannedValues(axis, raw)
     for name, value in values.items():
@@ -192,7 +195,7 @@ def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
 
 
 def to_raw(axis: AxisValues, name: str, value: Value) -> int:
-    """Returns the raw value of an engineering value, the text of an enumeration or a quantity.
+    """Converts an engineering value, the text of an enumeration or a quantity to a raw value.
     Raises InputError; the error states the permitted range also in N or mm if the scale of the
     object is known."""
     if not isinstance(value, str):
@@ -227,8 +230,8 @@ def expect_written(option: str, text: str | None, example: str) -> None:
 
 
 def force(text: str | float) -> Force:
-    """Returns the force that a text gives: "75 N" or "75N" in N; "30", "30 count" or 30 in 8-bit
-    counts. Raises InputError."""
+    """Converts a text or a number to a force. "75 N" and "75N" are forces in N. "30", "30 count"
+    and the number 30 are forces in 8-bit counts. Raises InputError."""
     parts = NUMBER_WITH_UNIT.fullmatch(str(text))
     if parts is not None:
         digits, unit = parts.groups()
@@ -243,8 +246,8 @@ def force(text: str | float) -> Force:
 
 
 def shown(axis: AxisValues, name: str, value: float) -> str:
-    """Returns the value of an object as text in the unit of the object, and in N or mm if the scale
-    of the object is known."""
+    """Returns a text with the value of an object in the unit of the object. If the value can be
+    converted to N or mm, the text also has the converted value."""
     known = object_named(name)
     if known is None:
         return f"{value:g}"
@@ -257,8 +260,8 @@ def shown(axis: AxisValues, name: str, value: float) -> str:
 
 
 def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value]:
-    """Returns the settings of a recording whose trigger is an object that crosses a level in
-    engineering units."""
+    """Returns the trigger settings of a recording for Axis.capture(). The trigger is the moment at
+    which the object `name` crosses the value `level`, in engineering units."""
     known = known_object(name)
     return {
         "trigger_source": known.index << 8 | known.sub,

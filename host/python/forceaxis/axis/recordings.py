@@ -15,15 +15,16 @@ FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
 def columns(recording: Recording) -> dict[str, NDArray[np.int64 | np.float64]]:
-    """Returns the columns of a recording as {name of the column: values (n,)}. The columns are
-    `time_s` from the trigger, and each signal with its unit in the name."""
+    """Returns the columns of a recording as {name of the column: values}. The column `time_s` has
+    the time of each sample from the trigger. Each signal has a column whose name contains the
+    unit."""
     values = {column_name(name): recording.values(name) for name in recording.signals}
     return {"time_s": recording.time_s, **values}
 
 
 def write(recording: Recording, folder: Path, title: str) -> None:
-    """Writes a recording as capture.csv, .npz and .png to `folder`, and creates the folder. Writes
-    either all files or none. Raises OSError."""
+    """Writes a recording to the files capture.csv, capture.npz and capture.png in `folder`, which
+    is created if necessary. Writes either all files or none. Raises OSError."""
     table = columns(recording)
     with paths.replacing(folder, *FILES) as (text, arrays, picture):
         with text.open("w", newline="") as file:
@@ -36,8 +37,8 @@ def write(recording: Recording, folder: Path, title: str) -> None:
 
 
 def figure(recording: Recording, title: str) -> Figure:
-    """Returns a plot of a recording with one row for each signal, over the time from the
-    trigger."""
+    """Returns a Matplotlib figure of a recording. It has one plot for each signal, over the time
+    from the trigger."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import INK, THIN, style

@@ -1,4 +1,5 @@
-"""Searches for the axes of a bus, and returns one ScannedAxis for each axis."""
+"""Searches for the axes that are connected to a bus. Each function returns one ScannedAxis for each
+axis that it has found."""
 
 import time
 from collections.abc import Iterator
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 NMT_STOPPED, NMT_SILENT = 4, -1  # NMT states of a node
 HEARTBEAT_ID = 0x700
-# Sentences for the user about a node that answers no request.
+# Texts for the user about a node that does not answer requests.
 STOPPED_STATE = "stopped by NMT"
 NODE_STOPPED = "start the node {address} with `axis.start()`; this enables no drive"
 GATEWAY_STARTS = "the gateway starts the node by itself; this enables no drive"
@@ -33,9 +34,9 @@ UNIT_TIMEOUT_S = 0.15  # time in s in which one Modbus unit must answer
 
 @dataclass(frozen=True)
 class ScannedAxis:
-    """One axis that was found on a bus. A field is None if the axis did not state the value of the
-    field; `note` then states the reason. `table` is the hash of the object table as 8 hexadecimal
-    digits. `owner` is the name of the command source."""
+    """One axis that was found on a bus. A field is None if its value could not be read from the
+    axis; `note` then states the reason. `table` is the hash of the object table as 8 hexadecimal
+    digits. `owner` is the name of the command source that owns the axis."""
 
     id: int | None
     name: str | None = None
@@ -49,8 +50,8 @@ class ScannedAxis:
 
 
 def scanned(link: Link, number: int | None = None) -> ScannedAxis:
-    """Reads the data of the axis that a connection reaches, and closes the connection. `number` is
-    the number of the axis on the bus, by default the node id."""
+    """Reads the data of one axis over its connection, and then closes the connection. `number` is
+    the number of the axis on the bus, by default its node id."""
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:
@@ -84,7 +85,8 @@ def on_bus(address: Address) -> Iterator[ScannedAxis]:
 
 
 def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
-    """Yields each axis whose state a gateway publishes within `seconds`."""
+    """Yields each axis of the gateway of an LCM bus. An axis is found if the gateway publishes its
+    state within `seconds`."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import LiveSource
@@ -108,8 +110,8 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
 def on_can(
     interface: str, bus: "can.BusABC | None" = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
-    """Yields each node 1 to 127 of a CAN bus that answers a read of 1000h or sends any message
-    within `seconds`."""
+    """Yields each CANopen node, with a number from 1 to 127, on a CAN bus. A node is found if it
+    answers a request to read object 1000h, or sends a heartbeat, within `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
     stopped: set[int] = set()
@@ -137,8 +139,8 @@ def on_can(
 
 
 def on_modbus(url: str, bit_rate: int | None = None) -> Iterator[ScannedAxis]:
-    """Yields each Modbus unit 1 to 127 that answers a request. `url`, `bit_rate`: as in
-    modbus.client()."""
+    """Yields each Modbus unit, with a number from 1 to 127, that answers a request. `url`,
+    `bit_rate`: as in modbus.client()."""
     from forceaxis.axis.modbus import ModbusLink, client
 
     answering = client(url, UNIT_TIMEOUT_S, bit_rate)

@@ -2,19 +2,20 @@
 
     from forceaxis.gateway import Session
 
-    # waits until the axis is available, and acquires it
+    # Session(1) waits until axis 1 is available, and acquires it.
     with Session(1) as axis:
         axis.write_all({"position_gain": 4.0, "velocity_gain": 20.0, "force_gain": 5.0})
-        axis.home()                                # here is position 0
+        axis.home()                                # the present position becomes 0
         axis.enable("profile position")
         axis.move(36_000)
         axis.enable("force counts", force_setpoint=30.0)
         axis.wait_contact()
         held = axis.capture(["force", "dac_code"], samples=1500)
-                                                   # at the end: disabled and released
+                                                   # the end of the block disables and releases it
 
-It has all of AxisClient too (read, write, capture, wait_event, state). A refused command raises
-Refused with the reason, a wait that times out NoAnswer.
+A Session also has all methods of AxisClient (read, write, capture, wait_event, state). If the axis
+refuses a command, the method raises Refused with the reason. If the time limit of a wait expires,
+the method raises NoAnswer.
 """
 
 import contextlib
@@ -31,7 +32,8 @@ from forceaxis.bus.messages import axis_event_t, axis_state_t
 from forceaxis.objects import mask
 
 HOMING_ATTAINED, HOMING_ERROR = mask("statusword", "attained"), mask("statusword", "homing_error")
-STATES_KEPT = 30_000  # number of stored states: ten minutes at 50 states per second
+# largest number of stored states of the axis: ten minutes at 50 states per second
+STATES_KEPT = 30_000
 
 
 class Session(AxisClient):
@@ -44,7 +46,7 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # Client that receives states of the axis until the first state of the bus thread.
+        # The latest states of the axis, in the order of their reception.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         self._is_closed = False
         super().__init__(axis, url, timeout_s)
@@ -57,17 +59,18 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """Writes objects as AxisClient does, with two differences. The thread that repeatedly
-        writes the watchdog does not overwrite a new watchdog value, and a target that the axis
-        would limit raises InputError (axis/bounds). A write is not repeated while the gateway sets
-        up the axis again: the axis has restarted, and a late command could move it."""
+        """Writes objects as AxisClient does, with two differences. First, the thread that
+        repeatedly writes the watchdog does not overwrite a new value of the object `watchdog`.
+        Second, a target that the axis would limit raises InputError (see forceaxis.axis.bounds). If
+        the gateway has to set up the axis again, the write is not repeated. The axis has restarted
+        in this case, and a late command could move it."""
         bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
 
     def close(self) -> None:
-        """Disables and releases the axis, unless the axis no longer answers. A session that is
-        closed already stays closed."""
+        """Disables and releases the axis, unless the axis no longer answers. A second call has no
+        effect."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -96,8 +99,8 @@ class Session(AxisClient):
         self, holds: Callable[[axis_state_t], bool | int], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
         """Waits for the first state of the axis for which holds(state) is True, and returns this
-        state. States of a silent axis, which have its last values, do not count. Raises NoAnswer,
-        which contains `what`, if no such state arrives within timeout_s."""
+        state. The gateway goes on publishing the last values of an axis that no longer sends; such
+        states are ignored. Raises NoAnswer after `timeout_s`, with `what` in the error text."""
         end = time.monotonic() + timeout_s
         state: axis_state_t | None = None
         is_silent = False
@@ -123,7 +126,7 @@ class Session(AxisClient):
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
-        """Enables the axis in a mode of operation; see Axis.enable()."""
+        """Enables the axis in a mode of operation. The arguments are those of Axis.enable()."""
         self._drive.enable(mode, **parameters)
 
     def disable(self) -> None:
@@ -145,7 +148,7 @@ class Session(AxisClient):
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> axis_state_t:
         """Moves the axis to `position`, in encoder counts, in profile position mode. Waits until
-        the axis has reached the position and returns the next axis_state_t."""
+        the axis has reached the position. Returns the first axis_state_t after that."""
         self._drive.move(position, timeout_s)
         state: axis_state_t = self.state()
         return state
@@ -177,8 +180,8 @@ class Session(AxisClient):
 
 
 def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
-    """Returns the states of the axis whose firmware time is available, and the times of these
-    states in s from the first such state."""
+    """Returns the states that contain the time of the firmware, and the time of each in s from the
+    first of them."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

@@ -1,5 +1,5 @@
-"""A simulated axis: the firmware and the plant of an experiment run in this process, in simulated
-time."""
+"""Access to a simulated axis. The firmware and the plant of an experiment run in this process, in
+simulated time."""
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,15 +25,16 @@ from forceaxis.objects import BY_NAME
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable
 
-# Number of ticks between two writes of the watchdog: 50 ms. The watchdog time is 500 ms.
+# Number of ticks between two writes of the watchdog.
+# 75 ticks are 50 ms, and the watchdog time is 500 ms.
 FEED_TICKS = 75
 WATCHDOG = BY_NAME["watchdog"].number
 
 
 class SimLink(RecorderLink):
-    """The simulated axis of an experiment. Before a client acquires the axis, the commands [[at]]
-    of the experiment control the axis. An experiment without such commands leaves the axis
-    disabled.
+    """The simulated axis of an experiment. Until a client acquires the axis, the commands in the
+    tables [[at]] of the experiment control the axis. If the experiment has no such tables, the axis
+    stays disabled.
 
     store: file of the parameter store, created if it does not exist. Raises InputError.
     """
@@ -49,15 +50,16 @@ class SimLink(RecorderLink):
         self.where = f"the simulated axis of {experiment}"
         self.store = store  # file of the parameter store; "" means no file
         self._owned = False
-        self.axis.step(1)  # the firmware reads the sensors of the plant for the first time
+        # in this tick, the firmware reads the sensors of the plant for the first time
+        self.axis.step(1)
         converters = _core.inputs(str(experiment), list(overrides))["converters"]
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
 
     def _scale_warning(self, reading: "ConverterTable | None") -> str | None:
-        """Returns a text line if `force_scale` of the axis differs from the scale of the force
-        sensor in the model, otherwise None."""
+        """Returns a warning of one line if `force_scale` of the axis differs from the scale of the
+        force sensor in the model. Returns None if they agree."""
         if reading is None:
             return None
         has = self.read_one("force_scale") * 1e-6
@@ -87,7 +89,7 @@ class SimLink(RecorderLink):
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {reason(name, error)}")
-            self.axis.step(1)  # a written value acts in the next tick, as over a bus
+            self.axis.step(1)  # a written value takes effect in the next tick, as with a real bus
 
     def acquire(self) -> None:
         self.axis.end_schedule()  # after acquire(), only the owner commands the axis
@@ -115,8 +117,8 @@ class SimLink(RecorderLink):
         return raw
 
     def close(self) -> None:
-        """Closes the file of the parameter store, unless the caller still uses the object
-        `axis`."""
+        """Deletes the simulated axis. This closes the file of its parameter store, unless the
+        caller still has a reference to the object `axis`."""
         self._owned = False
         with contextlib.suppress(AttributeError):  # the connection was already closed
             del self.axis

@@ -1,5 +1,6 @@
-"""Update of the firmware of one axis over its bus: writes the slot that does not run, restarts the
-axis, and confirms the new image after ten seconds."""
+"""Updates the firmware of one axis over its bus. The flash memory has two slots for firmware
+images. The update is written to the slot whose image does not run. Then the axis is restarted with
+the new image, and the image is confirmed after ten seconds."""
 
 import contextlib
 import time
@@ -13,14 +14,15 @@ from forceaxis.axis.link import COMMAND_SOURCES, VERSION_INDEX, Link, NoAnswer, 
 from forceaxis.bus.state_names import POWERED
 from forceaxis.chip.update_file import UpdateRecord
 
-# Values of program_control (CiA 302-3; confirm is specific to forceaxis).
+# Values of the object program_control. START is defined by CiA 302-3, CONFIRM by forceaxis.
 START, CONFIRM = 1, 128
-# Longest time in s until a restarted axis answers. If the new image hangs, the watchdog ends
-# four starts of it, and the earlier image is then started once.
+# Longest time in s until a restarted axis answers.
+# If the new image hangs, the watchdog resets the chip.
+# After four such starts of the new image, the axis starts the earlier image.
 RESTART_MAX_S = 20.0
 POLL_S = 0.25
-# Time in s without an overrun after which an axis accepts a confirmation.
-# The next value is the time in s for which this program repeats its request.
+# CONFIRM_S: time in s without an overrun after which an axis accepts a confirmation.
+# CONFIRM_MAX_S: time in s for which this program repeats its request to confirm the image.
 CONFIRM_S, CONFIRM_MAX_S = 10.0, 20.0
 REFUSALS = {
     "no_update": "expected an update of forceaxis, got another file",
@@ -41,8 +43,8 @@ REFUSALS = {
 
 @dataclass(frozen=True)
 class ProgramObjects:
-    """The firmware images in the two slots of an axis. The CRCs are those of the image that runs
-    and of the image in the other slot."""
+    """State of the firmware images in the two slots of an axis. `program_crc_1` belongs to the
+    image that runs, `program_crc_2` to the image in the other slot."""
 
     program_slot: str
     program_state: str
@@ -52,7 +54,7 @@ class ProgramObjects:
 
 @dataclass(frozen=True)
 class RefusalObjects:
-    """The reason for which an axis has refused an update."""
+    """The reason why an axis has refused an update."""
 
     program_refusal: str | int
 
@@ -68,9 +70,9 @@ class HealthObjects:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """Result of an update. `outcome` is "updated", or "unchanged" if the axis ran this image
-    already. `version` and `table` belong to the image; `previous` is the version that the axis
-    reported before the update."""
+    """Result of an update. `outcome` is "updated", or "unchanged" if the axis already ran the new
+    image. `version` and `table` are the firmware version and the hash of the object table of the
+    new image. `previous` is the version that the axis reported before the update."""
 
     axis: str
     outcome: str
@@ -91,9 +93,9 @@ def update(
     axis. `records`: the firmware images for both slots. `new_table`: True permits an image whose
     object table differs from that of the axis.
 
-    Raises InputError before anything is erased, if the axis may not be updated now or the update is
-    not for this axis; Refused or UpdateFailedError if the update fails, and then the axis runs its
-    previous image or returns to it; NoAnswer.
+    Raises InputError if the axis may not be updated now or if the update is not for this axis. In
+    this case, nothing was erased. Raises Refused or UpdateFailedError if the update fails. The axis
+    then runs its previous image, or returns to it. Also raises NoAnswer.
     """
     with contextlib.ExitStack() as stack:
         axis = _axis_at(connect())
@@ -118,8 +120,8 @@ def update(
 
 
 def _expect_updatable(axis: Axis) -> ProgramObjects:
-    """Returns the images of an axis that is disabled, has no other owner, and runs a confirmed
-    image. Raises InputError."""
+    """Checks that the axis is disabled, has no other owner, and runs a confirmed image. Returns the
+    state of its firmware images. Raises InputError."""
     where, now = axis.link.where, axis.record(OwnerObjects)
     if now.state in POWERED:
         raise InputError(
@@ -151,8 +153,8 @@ def _expect_updatable(axis: Axis) -> ProgramObjects:
 def _records(
     found: ProgramObjects, records: Sequence[UpdateRecord]
 ) -> tuple[UpdateRecord, UpdateRecord]:
-    """Returns two of the `records`: the image for the slot that runs, and the image for the other
-    slot. Slot a has the lower address."""
+    """Returns the two `records` of an update in the order (image for the slot that runs, image for
+    the other slot). Slot a has the lower address."""
     ordered = sorted(records, key=lambda one: one.address)
     return (ordered[0], ordered[1]) if found.program_slot == "a" else (ordered[1], ordered[0])
 
@@ -174,7 +176,7 @@ def _write(axis: Axis, data: bytes) -> None:
 def _confirmed(
     connect: Callable[[], Link], record: UpdateRecord, result: UpdateResult
 ) -> UpdateResult:
-    """Waits for the restarted axis, and confirms its image."""
+    """Waits until the restarted axis answers, and then confirms its new image."""
     with contextlib.ExitStack() as stack:
         axis, found = _restarted(connect, result.axis)
         stack.callback(axis.close)
@@ -194,8 +196,8 @@ def _confirmed(
 
 
 def _axis_at(link: Link) -> Axis:
-    """Returns the axis that a connection reaches. If the axis does not answer, the connection is
-    ended, because an open connection locks a serial device."""
+    """Returns the axis of a connection. If the axis does not answer, closes the connection, because
+    an open connection locks a serial device."""
     try:
         return Axis(link)
     except BaseException:
@@ -206,7 +208,8 @@ def _axis_at(link: Link) -> Axis:
 def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramObjects]:
     end = time.monotonic() + RESTART_MAX_S
     with progress.phase("restarting the axis"):
-        time.sleep(4 * POLL_S)  # the axis answers until it restarts
+        # the axis still answers until it restarts, so this program waits first
+        time.sleep(4 * POLL_S)
         while True:
             axis = None
             try:

@@ -1,4 +1,5 @@
-"""Reads engineering values of the objects of one axis, by name or as the fields of a dataclass.
+"""Reads engineering values of objects of one axis. The objects are given by their names, or as the
+fields of a dataclass.
 
     @dataclass(frozen=True)
     class TareObjects:
@@ -29,8 +30,8 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def known_object(name: str) -> AxisObject:
-    """Returns the object with the given name. Raises InputError for an unknown name or a CANopen
-    address."""
+    """Returns the description of the object with a name. Raises InputError for an unknown name. A
+    CANopen address is not permitted and also raises InputError."""
     known = object_named(name)
     if known is None:
         raise InputError(
@@ -52,24 +53,26 @@ class AxisValues:
         self.link = link
 
     def get(self, *names: str) -> dict[str, Value]:
-        """Returns the values of objects in the order of `names`, as {name: engineering value or
-        text of an enumeration}. Raises InputError for an unknown name; Refused; NoAnswer."""
+        """Reads objects in the order of `names`. Returns {name: engineering value or text of an
+        enumeration}. Raises InputError for an unknown name; Refused; NoAnswer."""
         for name in names:
             known_object(name)
         raw = self.link.read(names)
         return {name: from_raw(name, raw[name]) for name in names}
 
     def read(self, name: str) -> Value:
-        """Returns the value of one object, in the form of get(). Raises the errors of get()."""
+        """Returns the engineering value of one object, or the text of an enumeration. Raises the
+        errors of get()."""
         return self.get(name)[name]
 
     def number(self, name: str) -> float:
-        """Returns the value of an object that is no enumeration. Raises the errors of get()."""
+        """Returns the value of one object that is not an enumeration. Raises the errors of
+        get()."""
         return self.numbers(name)[name]
 
     def numbers(self, *names: str) -> dict[str, float]:
-        """Returns the values of objects that are no enumerations, in the form of get(). Raises the
-        errors of get()."""
+        """Returns {name: value} of objects that are not enumerations. Raises the errors of
+        get()."""
         found: dict[str, float] = {}
         for name, value in self.get(*names).items():
             if isinstance(value, str):
@@ -85,8 +88,8 @@ class AxisValues:
         return value
 
     def text(self, name: str) -> str:
-        """Returns the value of an enumeration: the text, or the number of a value without a text.
-        Raises the errors of get()."""
+        """Returns the value of an enumeration as text. A value without a text is returned as its
+        number. Raises the errors of get()."""
         return str(self.read(name))
 
     def record(self, kind: type[R]) -> R:
@@ -96,17 +99,17 @@ class AxisValues:
 
 
 class PlannedValues(AxisValues):
-    """Values that the objects of an axis will have after a program has written the raw values
-    `planned` ({name: raw value})."""
+    """Values that the objects of an axis will have after a planned write. `planned`: {name: raw
+    value} of the objects that will be written."""
 
     def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
         super().__init__(axis.link)
         self.axis, self.planned = axis, planned
-        # Values that were already read, because each object is read only once.
+        # {name: value} of objects that were already read. Each object is read only once.
         self._present: dict[str, Value] = {}
 
     def get(self, *names: str) -> dict[str, Value]:
-        """Returns the values that objects will have after the write, in the form of
+        """Returns the values that objects will have after the planned write, in the form of
         AxisValues.get(). Objects that the connection cannot access are left out."""
         reached = [n for n in names if n in self.planned or self.link.reaches(n)]
         missing = [n for n in reached if n not in self.planned and n not in self._present]
@@ -120,7 +123,7 @@ class PlannedValues(AxisValues):
         }
 
     def record(self, kind: type[R]) -> R:
-        """Returns an instance of `kind` as AxisValues.record(). The field of an object that the
-        connection cannot access is None."""
+        """Returns the values as an instance of `kind`, in the same way as AxisValues.record(). The
+        field of an object that the connection cannot access is None."""
         names = object_names(kind)
         return kind(**{**dict.fromkeys(names), **self.get(*names)})
