@@ -32,7 +32,7 @@ FORCE_TARGETS = {
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
 # Force limit of a move in 8-bit counts.
-# This limit is a quarter of the largest value that 8 bits with a sign can represent.
+# A signed 8-bit value reaches 128 counts, and this limit is a quarter of it.
 MOVE_COUNTS = 32
 
 

@@ -29,7 +29,8 @@ __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
-# {raw value of the object command_source: name of the client that owns the axis}
+# Names of the clients that can own an axis.
+# The index is the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
 # Largest relative difference between `force_scale` of the axis and the scale of the sensor.
 # A larger difference causes a warning.

@@ -25,8 +25,7 @@ from forceaxis.results import json_field
 # The axis permits changes of a PDO only while it is disabled.
 INVALID_COB_ID = mask("rpdo_cob_id_1", "off")
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
-# Objects whose names contain one of these texts are written after all others, in the order of the
-# texts.
+# Objects whose names contain one of these texts are written last, in the order of the texts.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
 WRITE_RANKS = 1 + len(WRITTEN_LAST)
 STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to erase a sector of flash

@@ -271,8 +271,8 @@ def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value
 
 
 def trigger(axis: AxisValues, text: str) -> dict[str, Value]:
-    """Returns the trigger settings for Axis.capture() from "force rising 31", "fault either 0.5" or
-    a force in N."""
+    """Converts the text of a trigger to trigger settings for Axis.capture(). Examples of the text
+    are "force rising 31", "force rising 75 N" and "fault either 0.5"."""
     words = text.split(None, 2)
     if text == "excitation_start":
         return {"trigger_edge": text}

@@ -111,7 +111,7 @@ def on_can(
     interface: str, bus: "can.BusABC | None" = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
     """Yields each CANopen node, with a number from 1 to 127, on a CAN bus. A node is found if it
-    answers a request to read object 1000h, or sends a heartbeat, within `seconds`."""
+    answers a request to read object 1000h, or sends any CANopen message, within `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
     stopped: set[int] = set()

@@ -160,10 +160,10 @@ class Session(AxisClient):
         held_s: float = 0.3,
         timeout_s: float = 10.0,
     ) -> axis_state_t:
-        """Waits until the axis is in contact with a force of `force_cnt`, with a tolerance of
-        `within_cnt`, for `held_s` seconds.
+        """Waits until the axis has been in steady contact for `held_s` seconds.
 
-        Forces are in 8-bit counts; without `force_cnt` any force counts as contact.
+        During this time, the measured force must differ from `force_cnt` by at most `within_cnt`.
+        Both are in 8-bit counts. If `force_cnt` is None, every force is accepted.
         """
         since: int | None = None
 

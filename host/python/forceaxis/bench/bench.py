@@ -1,25 +1,28 @@
-"""Measures the speed of the simulator and of other tools, on the same task in
-the same run.
+"""Measures the speed of this simulator and of other simulators. All tools have the same task and
+are measured in the same run of the benchmark.
 
 The task is a force loop of 2 s at 1500 Hz around one plant. Contact force, two positions, motor
-current and ADC code are recorded at every tick. Case A is a rigid mass on a workpiece in stable
-contact, with one touch-down. Case B is the same plant in a limit cycle, with 46 touch-downs and 335
-switching events. Both have 6 states. Case "full" is sim/models/full_axis.toml, with 14 states, in
-stable contact. The control law is an integer formula, or the firmware's fw_tick for the tool
-"forceaxis+firmware".
+current and ADC code are recorded at every tick. In case A, a rigid mass is pressed on a workpiece
+in stable contact, with one touch-down. Case B is the same plant in a limit cycle, with 46
+touch-downs and 335 switching events. The plant of both cases has 6 states. Case "full" is the model
+sim/models/full_axis.toml, with 14 states, in stable contact. The control law is an integer formula.
+For the tool "forceaxis+firmware", it is the function fw_tick of the firmware.
 
-real_time_factor is 2.0 s divided by the CPU seconds of one thread for one run; reading models and
-building modes is not timed. Tools take turns of some runs each, because the caches contain data of
-the previous tool in a single run of 0.1 ms; the fastest run counts. times_forceaxis compares the
-tools: each repetition gives the ratio of the fastest runs of neighbouring turns, and the median
-ratio counts, because the clock of a shared processor changes by a third from second to second.
-force_error_N is the largest difference at any tick from an independent integration in extended
-precision. The other simulators and this reference exist only in a checkout (tests/bench): odeint is
-dopri5 at 1e-4 with located events, mujoco is RK4 with one step a tick (four in "full", where one is
-unstable) and without events, scipy is RK45 at 1e-4 with terminal events, for the cases A and B.
+real_time_factor is 2.0 s divided by the CPU time in s that one thread needs for one run. The times
+for reading models and computing modes are not included. The tools are measured in turns. In each
+turn, a tool repeats its run several times, and the fastest run counts. A single run of 0.1 ms would
+be slow, because the caches still contain data of the previous tool. times_forceaxis compares the
+tools. In each repetition, it is the ratio of the fastest runs of two consecutive turns. The median
+of these ratios counts, because the clock of a shared processor changes by a third from second to
+second. force_error_N is the largest difference of the contact force, at any tick, from a reference.
+The reference is an independent integration in extended precision. The other simulators and the
+reference exist only in a checkout (tests/bench). odeint uses dopri5 with the tolerance 1e-4 and
+locates events. mujoco uses RK4 without events, with one step for each tick. In the case "full",
+mujoco needs four steps for each tick to be stable. scipy uses RK45 with the tolerance 1e-4 and
+terminal events, and has only the cases A and B.
 
-On request, sweeps, frequency responses, critical gains and the table of an advice are
-timed too.
+On request, the benchmark also measures the times of sweeps, frequency responses, critical gains and
+the table of `forceaxis loop advise`.
 """
 
 import ctypes
@@ -55,14 +58,14 @@ TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
 SETPOINT_B_N = 100
-TURN_S = 0.01  # CPU time in s of a turn, in which one tool repeats its run
+TURN_S = 0.01  # CPU time in s of one turn; in a turn, one tool repeats its run
 RESPONSE_MODEL, RESPONSE_POINTS = "full_axis", 10_000
 ADVICE_MODELS = ("laboratory", "full_axis")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case of the benchmark: an experiment, and the gain and force set-point of the force
+    """One case of the benchmark: an experiment, and the gain and the force set-point of its force
     loop."""
 
     experiment: str
@@ -71,7 +74,8 @@ class Case:
     setpoint_N: int
 
     def plant(self) -> _core.BenchCase:
-        """Returns the simulated plant of the benchmark case, an object of the compiled module."""
+        """Returns the simulated plant of the benchmark case, which is an object of the compiled
+        module _core."""
         return _core.BenchCase(paths.EXPERIMENTS / self.experiment, *self.signals)
 
 
@@ -82,14 +86,15 @@ class CaseSpeed:
     case: str
     tool: str
     real_time_factor: float  # simulated time divided by the CPU time of one thread
-    # largest difference of the force from the reference; None without a reference
+    # largest difference of the contact force from the reference; None if there is no reference
     force_error_N: float | None
     codes_differ: int | None  # number of ticks in which the ADC code differs from the reference
     events: int | None  # number of switching events; None if the tool does not count events
     tick_ns: float  # CPU time of one tick in ns
     spread: float  # median CPU time divided by the smallest CPU time, minus 1
     runs: int
-    # CPU time divided by that of forceaxis, the median over the repetitions; None without forceaxis
+    # CPU time of the tool divided by the CPU time of forceaxis, as the median over the repetitions.
+    # None if forceaxis was not measured.
     times_forceaxis: float | None
 
 
@@ -108,12 +113,12 @@ class SweepSpeed:
 
 @dataclass(frozen=True)
 class EventCost:
-    """Straight line that gives the CPU time of a run from its number of switching events."""
+    """Straight line by which the CPU time of a run depends on its number of switching events."""
 
     events_least: int
     events_most: int
-    run_us: float  # CPU time of a run without events in us
-    event_us: float  # additional CPU time for each event in us
+    run_us: float  # CPU time in us of a run without switching events
+    event_us: float  # additional CPU time in us for each switching event
     r_squared: float
     worst_deviation: float  # largest relative deviation of a CPU time from the straight line
     points: list[tuple[int, float]]  # (number of events, CPU time in us) of each run
@@ -138,15 +143,16 @@ class BenchResult:
 
     results: list[CaseSpeed]
     missing: dict[str, str]  # {tool: reason why the tool was not measured}
-    load: float  # average load of the computer in the last minute
+    load: float  # load average of the computer over the last minute
     sweeps: list[SweepSpeed] | None = json_field(omit_none=True)
     scaling: EventCost | None = json_field(omit_none=True)
     linear: list[AnalysisSpeed] | None = json_field(omit_none=True)
     checks: list[Requirement] | None = json_field(omit_none=True)
 
 
-# Required ratios of CPU times, {(case, peer): least}, measured on two shared cores:
-# 90 % of the lowest of three runs of --check, and for the linear analysis 110 % of the highest.
+# {(case, other tool): required ratio of CPU times}. The ratios were measured on two shared cores.
+# Each is 90 % of the lowest value of three runs of `--check`.
+# For the linear analysis, it is 110 % of the highest value.
 LEAST_RATIOS = {
     ("A", "odeint"): 1.77,
     ("B", "odeint"): 1.13,
@@ -168,8 +174,8 @@ SWEEP_SIDE = 64  # number of gains of a sweep, and number of set-points
 
 
 class Peers:
-    """The shared library of tests/bench with other simulators. The library exists only if it was
-    built in a checkout."""
+    """The shared library of tests/bench, which contains the other simulators. It exists only in a
+    checkout in which it was built."""
 
     def __init__(self) -> None:
         path = paths.ROOT / "build" / "release" / "tests" / "bench" / "bench_peers.so"
@@ -191,7 +197,7 @@ class Peers:
         """Simulates a benchmark case once with another simulator. Returns None if the simulator
         fails.
 
-        tool: "odeint", "mujoco" or "reference". full: whether the case is "full".
+        tool: "odeint", "mujoco" or "reference". full: True for the case "full".
         """
         assert self._library is not None
         arguments = (tool.encode(), int(full), case.gain, case.setpoint_N, ticks)
@@ -208,8 +214,8 @@ class Peers:
         return done
 
     def _timed(self, function: Callable[..., int], arguments: Iterable[object]) -> TimedRun | None:
-        """Calls a function of the library, which takes the arguments and then the arrays of the
-        result."""
+        """Calls a function of the shared library and measures its CPU time. The parameters of the
+        function are `arguments`, followed by the arrays for the result."""
         values = np.zeros((4, TICKS + 1))
         codes = np.zeros(TICKS + 1, np.int32)
         seconds = ctypes.c_double()
@@ -224,15 +230,15 @@ class Peers:
 
 
 def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool = False) -> TimedRun:
-    """Simulates a benchmark case once with forceaxis. `firmware` is True if the firmware is the
+    """Simulates a benchmark case once with forceaxis. `firmware`: True if the firmware computes the
     control law."""
     done = plant.run(gain, setpoint_N, firmware)
     return TimedRun(done["force"], done["count"], done["seconds"], done["events"])
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """Returns for each tool a function that simulates a benchmark case once. The models are read
-    before the measurement, so that only the simulation is measured."""
+    """Returns {tool: function that simulates a benchmark case once}. This function reads the
+    models, so that only the simulation is measured later."""
     case, full = CASES[name], name == "full"
     own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
@@ -241,7 +247,7 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
     }
-    if not full:  # the equations for SciPy exist only for the benchmark cases A and B
+    if not full:  # for SciPy, the equations of motion exist only for the cases A and B
         every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
@@ -262,8 +268,8 @@ def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
 def cases(
     names: Iterable[str], tools: Sequence[str], repeat: int, advance: Advance
 ) -> tuple[list[CaseSpeed], dict[str, str]]:
-    """Returns the speed of each tool in each case of the benchmark, and {tool: reason why the tool
-    is missing}."""
+    """Returns the speed of each tool in each case of the benchmark. Also returns {tool: reason why
+    this tool was not measured}."""
     peers = Peers()
     rows = []
     for name in names:
@@ -271,11 +277,11 @@ def cases(
         reference = None
         if "reference" not in peers.missing:
             reference = peers.run("reference", CASES[name], name == "full")
-        # {tool: CPU times of the runs of each repetition}
+        # {tool: a list for each repetition, with the CPU time of each run}
         seconds: dict[str, list[list[float]]] = {tool: [] for tool in tool_runs}
         last: dict[str, TimedRun] = {}
         for _ in range(repeat):
-            # The tools take turns, so that all tools are measured under the same conditions.
+            # The tools are measured in turns, so that all have the same conditions.
             for tool, once in tool_runs.items():
                 times, last[tool] = turn(tool, once)
                 seconds[tool].append(times)
@@ -298,8 +304,8 @@ def case_speed(
 ) -> CaseSpeed:
     """Returns speed and accuracy of a tool in a benchmark case.
 
-    turns: CPU times in s of the runs of each turn. own_turns: those of forceaxis, None if it is not
-    measured. last: the last run.
+    turns: a list for each turn, with the CPU time in s of each run. own_turns: the same for
+    forceaxis, or None if forceaxis is not measured. last: the last run of the tool.
     """
     seconds = [s for times in turns for s in times]
     error_N = codes_differ = None
@@ -321,13 +327,15 @@ def case_speed(
 
 
 def paired_ratio(turns: Sequence[Sequence[float]], other: Sequence[Sequence[float]]) -> float:
-    """Returns the median ratio of the fastest runs of two tools in the same repetition."""
+    """Returns the ratio of the CPU times of two tools. The fastest runs of both tools in one
+    repetition give one ratio, and the result is the median over the repetitions."""
     ratios = [min(a) / min(b) for a, b in zip(turns, other, strict=True)]
     return float(np.median(ratios))
 
 
 def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
-    """Returns the speed of two sweeps of 4096 runs, and of the 55 runs of a table in the thesis."""
+    """Returns the speed of two sweeps with 4096 runs each, and the speed of the 55 runs for a table
+    in the thesis."""
     plant = CASES["A"].plant()
     known = tables.load()
     jobs = [known.job(c) for c in known.cells]
@@ -341,8 +349,9 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    # {name: (number of runs, function that returns elapsed time and CPU time in s)}
-    # The argument of the function is the number of threads.
+    # {name of a sweep: (number of runs, function)}.
+    # The function does the runs with a number of threads, and returns elapsed time and CPU time in
+    # s.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }
@@ -370,8 +379,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
 
 
 def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
-    """Fits the CPU time of case B by seconds = a + b events, where `events` is the number of
-    switching events, from runs with several gains."""
+    """Runs case B with several gains and fits a straight line to the CPU times: seconds = a + b
+    events. `events` is the number of switching events in a run."""
     plant = CASES["B"].plant()
     seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
@@ -393,8 +402,8 @@ def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
 
 
 def fastest(repeat: int, *works: Callable[[], Any]) -> list[tuple[float, Any]]:
-    """Calls several functions in turns, each `repeat` times. Returns for each function the CPU time
-    in s of its fastest call, and the result of its last call."""
+    """Calls several functions in turns, each `repeat` times. The result has a pair for each
+    function: CPU time in s of its fastest call, and result of its last call."""
     found: list[tuple[float, Any]] = [(math.inf, None)] * len(works)
     for _ in range(repeat):
         for i, work in enumerate(works):
@@ -432,13 +441,15 @@ def fresh_limit(loop: "Loop") -> "Limit":
 
 
 def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
-    """Returns the times of a frequency response, a critical gain and the advice table, with
-    forceaxis and with python-control.
+    """Measures the CPU times of a frequency response, of a critical gain, and of the table of
+    `forceaxis loop advise`. The first two are computed with forceaxis and with python-control.
 
-    Both use the same matrices. The time of a frequency response of 10,000 frequencies includes the
-    transformation of the matrices to Hessenberg form. This critical gain comes with all
-    crossings; that of python-control is a bisection on the poles of control.feedback, because
-    control.stability_margins uses a grid for these loops and does not find the critical gain.
+    Both tools use the same matrices. The frequency response has 10,000 frequencies, and its time
+    includes the transformation of the matrices to Hessenberg form. forceaxis computes the critical
+    gain together with all other gains at which a pole crosses the stability boundary. With
+    python-control, the critical gain is found by bisection, with the poles of control.feedback.
+    control.stability_margins is not used, because it uses a frequency grid for these loops and does
+    not find the critical gain.
     """
     from forceaxis import linear
     from forceaxis.design import advise
@@ -448,7 +459,7 @@ def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)
     theirs = system.state_space()
-    # replace() returns a system that has no stored results of earlier computations.
+    # replace() returns a copy of the system without stored results of earlier computations.
     (seconds, response), (control_seconds, peer) = fastest(
         repeat,
         lambda: replace(system).response(frequency),
@@ -489,7 +500,8 @@ def run(
     with_sweeps: bool,
     with_linear: bool = False,
 ) -> BenchResult:
-    """Runs the benchmark for some cases and tools, without a comparison with required speeds."""
+    """Runs the benchmark for some cases and tools. Does not compare the speeds with the required
+    speeds."""
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
     steps += with_linear and 1 + len(ADVICE_MODELS)
@@ -513,8 +525,9 @@ def run(
 def check(result: BenchResult) -> list[Requirement]:
     """Returns the requirements of the benchmark with the measured values.
 
-    All speeds are ratios of CPU times that one run of the benchmark has measured. A quantity that
-    was not measured does not meet its requirement; MuJoCo counts only if it is installed.
+    All required speeds are ratios of CPU times that one run of the benchmark has measured. A
+    quantity that was not measured does not meet its requirement. MuJoCo has a requirement only if
+    it is installed.
     """
     row = {(r.case, r.tool): r for r in result.results}
 
@@ -555,10 +568,12 @@ def ratio(a: float | None, b: float | None) -> float | None:
 
 
 def linear_checks(rows: Iterable[AnalysisSpeed]) -> list[Requirement]:
-    """Returns the requirements of the linear analysis. An advice table is compared with the time of
-    python-control for one critical gain of the same model."""
+    """Returns the requirements on the CPU times of the linear analysis. The time for the table of
+    `forceaxis loop advise` is compared with the time that python-control needs for one critical
+    gain of the same model."""
     checks = []
-    control_seconds: float | None = None  # time of python-control in the last row that has one
+    # CPU time of python-control in the last row in which it was measured
+    control_seconds: float | None = None
     for a in rows:
         if a.control_seconds is None:
             quantity = f"{a.work} / python-control's critical gain"

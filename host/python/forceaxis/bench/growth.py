@@ -1,20 +1,23 @@
-"""Measures how CPU time and peak memory grow with the number of states, switching events and runs,
-for forceaxis and odeint.
+"""Measures how the CPU time and the peak memory of forceaxis and odeint grow with the number of
+states, of switching events and of runs.
 
-States: a chain of bodies between springs, driven by the motor of the benchmark and pressed on a
-wall, for 2 s. Events: an oscillator that hits a stop in each period and rubs at each reversal, for
-2 s; its frequency sets the number of events. This simulator counts six events in a period, odeint
-four, because it does not count a friction that stops and slides on at one instant as two. At
-odeint's tolerance of 1e-4 the phase of the oscillator is lost within 2 s from 100 Hz on, and some
-events in 10,000; with a tolerance of 1e-12 the forces are those of forceaxis. Runs: a sweep of case
-A over gain and set-point with 0.15 s in each run. All points are measured; nothing is extrapolated.
+States: the plant is a chain of bodies between springs. The motor of the benchmark drives it, and it
+is pressed on a wall for 2 s. Events: the plant is an oscillator that hits a stop in each period and
+has dry friction. It is simulated for 2 s, and its frequency determines the number of switching
+events. forceaxis counts six events in each period, and odeint counts four. The reason is a friction
+that stops and slides again at the same instant: forceaxis counts two events, odeint none. With its
+tolerance of 1e-4, odeint loses the phase of the oscillator within 2 s at 100 Hz and above, and
+misses a few of 10,000 events. With a tolerance of 1e-12, its forces are equal to those of
+forceaxis. Runs: a sweep of case A over gain and set-point, with 0.15 s in each run. All points are
+measured, none is extrapolated.
 
-Each point has a process of its own. The cost of a run is the smallest CPU time of some runs. The
-cost of a sweep of forceaxis includes reading, firmware, verdicts and the table of results; odeint
-has only the plant and an integer formula as control law, and keeps no results. The memory is the
-increase of the peak of resident memory (VmHWM of Linux) from the start of the work; for odeint, 5
-MiB of it are its library with MuJoCo. getrusage is not used, because a process starts with the
-ru_maxrss of the process that started it.
+Each point is measured in its own process. The CPU time of a run is the smallest value of several
+runs. The CPU time of a sweep with forceaxis includes reading the files, the firmware, the verdicts
+and the table of results. With odeint, a sweep consists only of the plant and an integer formula as
+control law, and no results are stored. The memory is the increase of the peak of resident memory
+(VmHWM of Linux) since the start of the work. For odeint, 5 MiB of it are the shared library, which
+also contains MuJoCo. getrusage() is not used, because the ru_maxrss of a new process begins with
+the value of its parent process.
 """
 
 import itertools
@@ -38,20 +41,24 @@ from forceaxis.results import from_json, to_json
 
 TOOLS = ("forceaxis", "odeint")
 RUN_TICKS = 225  # number of ticks in each run of the sweep; the touch-down is at tick 190
-GAIN, SETPOINT_N = 4, 59  # gain of a chain in DAC codes per ADC code, and its set-point in N
-# The law of the oscillator commands small motions of the robot, without limits of the motor.
+# gain of the chain in DAC codes per ADC code, and its force set-point in N
+GAIN, SETPOINT_N = 4, 59
+# With these values, the control law of the oscillator commands small motions of the robot, so that
+# no limit of the motor is reached.
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
-DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")  # first and next table of the drive in a model
+# in a model file, the beginning of the tables of the drive, and of the tables after it
+DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")
 
 
 @dataclass(frozen=True)
 class GrowthPlan:
     """The sizes of tasks for which CPU time and memory are measured."""
 
-    # number of bodies n of the chain, which has 2 n + 2 states
+    # Numbers of bodies of the chain. A chain of n bodies has 2 n + 2 states.
     bodies: Sequence[int] = (2, 5, 11, 20, 29)
-    frequencies_Hz: Sequence[float] = (0, 1, 10, 100, 780)  # of the oscillator; 0: at rest
-    # number of runs of the sweep, a power of 10
+    # frequencies of the oscillator; 0: it is at rest
+    frequencies_Hz: Sequence[float] = (0, 1, 10, 100, 780)
+    # numbers of runs of the sweep, which are powers of 10
     runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)
 
 
@@ -61,8 +68,9 @@ class GrowthPoint:
 
     growth: str  # "states", "events" or "runs"
     tool: str
-    size: int  # number of states, of switching events counted by forceaxis, or of runs
-    # number of switching events of a run that the tool counts itself; None in a sweep
+    # number of states, number of switching events that forceaxis counts, or number of runs
+    size: int
+    # number of switching events in a run, as the tool itself counts them; None for a sweep
     events: int | None
     cpu_s: float  # CPU time of the run or of the whole sweep in s
     unit_us: float  # CPU time of one tick in us; in a sweep, CPU time of one run in us
@@ -79,7 +87,8 @@ class Growth:
     load: float  # average load of the computer in the last minute
 
     def of(self, growth: str, tool: str) -> list[GrowthPoint]:
-        """Returns the measurements of one tool in the order in which they were made."""
+        """Returns the measured points of one tool in their order. `growth`: "states", "events" or
+        "runs"."""
         return [p for p in self.points if (p.growth, p.tool) == (growth, tool)]
 
 
@@ -89,13 +98,13 @@ class Job:
 
     growth: str
     tool: str
-    amount: float  # number of bodies, frequency in Hz or number of runs
+    amount: float  # number of bodies, frequency in Hz, or number of runs
     repeat: int
 
 
 def drive() -> str:
-    """Returns the tables for motor and encoder from the model of case A, with numbers in place of
-    parameters."""
+    """Returns the tables for motor and encoder from the model file of case A. Names of parameters
+    are replaced by their values."""
     text = (paths.SIM / "models" / "axis_contact.toml").read_text()
     values = dict(re.findall(r"^(\w+) = \{ value = ([^,]+),", text, re.MULTILINE))
     first, end = (text.index(key) for key in DRIVE_KEYS)
@@ -104,7 +113,7 @@ def drive() -> str:
 
 
 def chain_model(bodies: int) -> str:
-    """Returns the model file of a chain of bodies, without its drive."""
+    """Returns the text of a model file with a chain of bodies, but without the drive."""
     names = ["robot", *(f"body{i}" for i in range(2, bodies)), "workpiece"]
     tables = [f'[[body]]\nname = "{name}"\nmass = {132.4 / bodies!r}' for name in names]
     tables += [
@@ -120,8 +129,8 @@ def chain_model(bodies: int) -> str:
 
 
 def rattle_model(frequency_Hz: float) -> str:
-    """Returns the model file of the oscillator with stop and friction, without its drive. The
-    oscillator starts at rest for the frequency 0."""
+    """Returns the text of a model file with the oscillator, its stop and its friction, but without
+    the drive. If the frequency is 0, the oscillator is at rest."""
     stiffness = float((2 * np.pi * (frequency_Hz or 1)) ** 2)
     return (
         '[[body]]\nname = "robot"\nmass = 132.4\n'
@@ -136,7 +145,8 @@ def rattle_model(frequency_Hz: float) -> str:
 
 
 def adc(per_count_N: float) -> str:
-    """Returns two tables: the guide of the robot, and the converter for the contact force."""
+    """Returns the text of two tables of a model file: the damper in the guide of the robot, and the
+    ADC channel of the contact force."""
     return (
         '[[damper]]\nname = "guide"\nbetween = ["robot", "ground"]\ndamping = 500\n'
         f'[[adc]]\nchannel = 0\nsignal = "tip.force"\nper_count = {per_count_N!r}\n'
@@ -145,7 +155,7 @@ def adc(per_count_N: float) -> str:
 
 
 def experiment(model: Path, duration_s: float) -> str:
-    """Returns the file of an experiment with the force law of case A."""
+    """Returns the text of an experiment file with the force law of case A."""
     return (
         f'title = "Growth"\nshows = "Growth"\nmodel = "{model}"\nduration_s = {duration_s}\n'
         '[firmware]\nmode = "force"\nforce_zero_code = 128\nforce_gain = 4.0\n'
@@ -154,8 +164,8 @@ def experiment(model: Path, duration_s: float) -> str:
 
 
 def own_plant(text: str, folder: Path) -> _core.BenchCase:
-    """Returns the simulated plant of a model without its drive. The files are written to a
-    folder."""
+    """Returns the simulated plant of a model. `text` is the model without the drive, which this
+    function adds. The files are written to `folder`."""
     model = folder / "model.toml"
     model.write_text(f'title = "Growth"\nshows = "Growth"\n{text}{drive()}')
     file = folder / "experiment.toml"
@@ -164,7 +174,7 @@ def own_plant(text: str, folder: Path) -> _core.BenchCase:
 
 
 def one_run(job: Job, folder: Path) -> TimedRun:
-    """Simulates the plant of one size for 2 s, once for each repetition. Returns the fastest
+    """Simulates the plant of a job for 2 s, as many times as the job states. Returns the fastest
     run."""
     chain = job.growth == "states"
     gain, setpoint_N = (GAIN, SETPOINT_N) if chain else (RATTLE_GAIN, RATTLE_SETPOINT_N)
@@ -180,7 +190,7 @@ def one_run(job: Job, folder: Path) -> TimedRun:
 
 
 def sweep_s(job: Job, folder: Path) -> float:
-    """Runs the sweep of one size once. Returns the CPU time of the sweep in s."""
+    """Runs the sweep of a job once. Returns the CPU time of the sweep in s."""
     digits = len(str(int(job.amount))) - 1
     gains = np.linspace(2, 6, 10 ** (digits - digits // 2)).tolist()
     setpoints = np.linspace(40, 120, 10 ** (digits // 2)).tolist()
@@ -200,7 +210,8 @@ def sweep_s(job: Job, folder: Path) -> float:
     file = folder / "experiment.toml"
     duration_s = RUN_TICKS / _core.TICKS_PER_SECOND
     file.write_text(experiment(paths.SIM / "models" / "axis_contact.toml", duration_s))
-    counts = [setpoint_N / 2 for setpoint_N in setpoints]  # an ADC code is 2 N
+    # force set-points in counts; one count is 2 N
+    counts = [setpoint_N / 2 for setpoint_N in setpoints]
     grid = {"firmware.force_gain": gains, "firmware.force_setpoint": counts}
     start = time.process_time()
     done = sweep.sweep(sweep.SweepRequest(file, grid), threads=1)
@@ -218,8 +229,8 @@ def peak_MiB() -> float:
 
 
 def point(job: Job) -> GrowthPoint:
-    """Measures one size of a task in this process, which must not have measured another size
-    before."""
+    """Does a job in this process. The process must not have done another job before, because the
+    peak of the memory would include that job."""
     start_MiB = peak_MiB()
     events: int | None = None
     with tempfile.TemporaryDirectory(prefix="forceaxis_growth_") as folder:
@@ -244,7 +255,7 @@ def point(job: Job) -> GrowthPoint:
 
 
 def in_process(job: Job) -> GrowthPoint:
-    """Measures one size of a task in a new process."""
+    """Does a job in a new process."""
     words = [sys.executable, "-m", "forceaxis.bench.growth", json.dumps(asdict(job))]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -282,7 +293,8 @@ def write(growth: Growth, out: Path) -> None:
 
 
 def draw(growth: Growth, file: Path) -> None:
-    """Draws a picture of the CPU time and memory over the size of the task."""
+    """Draws plots of the CPU time and of the memory over the size of the task, and writes them to a
+    file."""
     import matplotlib.pyplot as plt
 
     from forceaxis import drawing

@@ -1,11 +1,11 @@
-"""The benchmark of connections: measures the rate of the lock-step in ticks per second, and the
-message rate of the transport alone.
+"""The benchmark of connections between plant and firmware. It measures the rate of the lock-step in
+ticks per second, and the message rate of the transport without plant and firmware.
 
-The raw rate is that of a message exchange between two plain C programs
-(tests/bench/link_pingpong_*.c) on the same transport. It is measured in the same run, in turns with
-the lock-step of plant_node and axis_node on sim/experiments/contact.toml. All processes run on one
-CPU. For six axes, one process contains six plants and one contains six firmwares. The result is the
-median of the turns.
+For the message rate of the transport alone, two short C programs (tests/bench/link_pingpong_*.c)
+exchange messages over the same transport. In the same run of the benchmark, plant_node and
+axis_node simulate sim/experiments/contact.toml in lock-step. Both measurements alternate. All
+processes run on one CPU. For six axes, one process contains six plants, and the other process
+contains the firmware of six axes. The result is the median of the turns.
 """
 
 import contextlib
@@ -34,11 +34,11 @@ SHARE_OF_RAW_MIN, REAL_TIME_MIN = 0.6, 1.0
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Tick rates of the lock-step over one transport, and the message rate of the transport
+    """Tick rates of the lock-step over one transport, and the message rate of this transport
     alone."""
 
     link: str  # transport: "lcm" or "socketcan"
-    raw_per_s: float  # message exchanges per second of two programs without firmware and plant
+    raw_per_s: float  # message exchanges per second between two programs without firmware and plant
     ticks_per_s: float  # ticks per second of the lock-step with one axis
     share: float  # ticks_per_s divided by raw_per_s
     real_time: float  # simulated time divided by elapsed time, with one axis
@@ -54,8 +54,8 @@ def _pin_to_one_cpu() -> None:
 
 @contextlib.contextmanager
 def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """Starts a program on one CPU, and waits for its first text line. The program ends with the
-    context."""
+    """Context manager that starts a program on one CPU and waits for its first text line. At the
+    end of the context, the program is ended."""
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
     )
@@ -122,7 +122,7 @@ def lock_step(kind: str, axes: int) -> PlantReport:
 
 def measure(kind: str, turns: int) -> LinkRates:
     """Measures the message rate of a transport alone and the tick rates of the lock-step. Each rate
-    is the median of several turns."""
+    is the median of `turns` measurements."""
     raw, one, six = [], [], []
     for _ in range(turns):
         where = _core.lcm_url_of(link.new_run_id()) if kind == "lcm" else CAN
@@ -146,8 +146,8 @@ def measure(kind: str, turns: int) -> LinkRates:
 
 
 def run(turns: int = 5) -> list[LinkRates]:
-    """Returns the measured rates of LCM and of CAN. CAN is measured under tools/vcan. Raises
-    link.LinkError."""
+    """Returns the measured rates of LCM and of CAN. CAN is measured on a virtual CAN bus
+    (tools/vcan). Raises link.LinkError."""
     lcm = measure("lcm", turns)
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench.link", str(turns)]
     done = subprocess.run(

@@ -1,7 +1,7 @@
-"""The benchmark with SciPy: solve_ivp runs for each tick, and terminal events of solve_ivp change
-the equations.
+"""The benchmark with SciPy. solve_ivp is called for each tick. At a terminal event, solve_ivp
+stops, and the equations of motion change.
 
-The equations of the cases A and B are written again here, independent of the simulator.
+This module contains the equations of the cases A and B again, independent of the simulator.
 """
 
 import math
@@ -18,8 +18,9 @@ from forceaxis._core import TICKS_PER_SECOND
 State = NDArray[np.float64]
 
 STEP_S = 1 / TICKS_PER_SECOND
-TOLERANCE = 1e-4  # error tolerance of odeint; RK45 uses the same pair of formulas
-R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor in m/rad
+# error tolerance, which is also that of odeint; RK45 and odeint use the same integration formulas
+TOLERANCE = 1e-4
+R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor, in m/rad
 K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # stiffness and damping of the force sensor
 
 
@@ -34,8 +35,8 @@ class TimedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Guard:
-    """An event for solve_ivp. When the value of the function falls below 0, the element `element`
-    enters the state `region`."""
+    """An event for solve_ivp. When the value of `function` falls below 0, the nonlinear element
+    `element` enters the state `region`."""
 
     terminal: ClassVar = True
     direction: ClassVar = -1
@@ -50,9 +51,10 @@ class Guard:
 class _Plant:
     """The simulated plant of the benchmark cases A and B.
 
-    The state x is: motor current in A, filtered tachometer voltage in V, position and velocity of
-    the robot, position and velocity of the workpiece in m and m/s. Current feedback and amplifier
-    are in one of their linear regions, the contact is "apart", "pressed" or "overlap" (without
+    The state x has six elements: motor current in A, filtered tachometer voltage in V, position and
+    velocity of the robot, position and velocity of the workpiece. Positions are in m, velocities in
+    m/s. Three elements are nonlinear. The current feedback and the amplifier are in one of their
+    linear regions. The contact is "apart", "pressed", or "overlap" (the bodies overlap without a
     force).
     """
 
@@ -87,14 +89,14 @@ class _Plant:
         )
 
     def enter(self, x: State) -> None:
-        """Sets the regions of the current feedback and of the amplifier after a step of the
-        command. x: state of the plant."""
+        """Sets the linear regions of the current feedback and of the amplifier after the command
+        has changed. x: state of the plant."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
     def guards(self) -> list[Guard]:
-        """Returns the events at which an element leaves its present region."""
+        """Returns the events at which a nonlinear element leaves its present region."""
         guards = []
         side = self.amplifier
         if side > -2:
@@ -119,7 +121,8 @@ class _Plant:
         return guards
 
     def cross(self, element: str, into: int | str, x: State) -> None:
-        """Sets the region of an element after an event at which the plant has the state x."""
+        """Sets the region of a nonlinear element after an event. x: state of the plant at this
+        event."""
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":
@@ -129,7 +132,7 @@ class _Plant:
 
 
 def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
-    """Simulates plant and force loop from tick 0 to `ticks`. The gain is in DAC codes per ADC
+    """Simulates plant and force loop for a number of ticks. The gain is in DAC codes per ADC
     code."""
     from scipy.integrate import solve_ivp
 

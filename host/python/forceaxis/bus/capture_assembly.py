@@ -1,5 +1,5 @@
-"""Assembles a capture, a recording of the axis, from the message blocks that the gateway
-publishes."""
+"""Assembles a capture from the blocks that the gateway publishes as messages. A capture is a
+recording that the recorder of the axis has made."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +9,15 @@ from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 
-# Largest accepted number of samples, above the size of every recording of the firmware.
-# A corrupted number of samples is refused and allocates no memory.
+# Largest accepted number of samples of a capture. Every recording of the firmware is smaller.
+# A message with a larger number is corrupted. Without this limit, it would allocate much memory.
 SAMPLES_MAX = 1_000_000
 
 
 class Assembly:
-    """The samples of one capture. `raw` contains the raw values in the shape (samples, signals).
-    `have` is True for each sample that was received."""
+    """The samples of one capture. `raw` contains the raw values, with one row for each sample and
+    one column for each signal. `have` has one element for each sample, which is True if the sample
+    was received."""
 
     def __init__(self) -> None:
         self.signals: tuple[str, ...] = ()
@@ -43,7 +44,8 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # The size is set before samples are copied, so `missing` is correct without samples too.
+        # `raw` has its size before samples are copied, so that `missing` is correct without samples
+        # too.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:
@@ -67,8 +69,8 @@ class Assembly:
         return int((~self.have).sum())
 
     def gaps(self) -> list[tuple[int, int]]:
-        """Returns the ranges of missing samples, each as (index of its first sample, index of the
-        first sample after it)."""
+        """Returns the ranges of missing samples. Each range is a pair: index of its first sample,
+        and index of the first sample after the range."""
         edges = np.flatnonzero(np.diff(np.concatenate(([True], self.have, [True]))))
         return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
 
@@ -81,8 +83,9 @@ class Assembly:
         return first + np.arange(self.total, dtype=np.int64) * self.decimation
 
     def values(self, name: str) -> Samples | NDArray[np.int64]:
-        """Returns a signal in engineering units as an array (n,), with NaN for lost samples. The
-        values are integers if the scale is 1 and no sample was lost."""
+        """Returns one signal in engineering units, with one value for each sample and NaN for a
+        lost sample. The values are integers if the scale of the object is 1 and no sample was
+        lost."""
         column = self.raw[:, self.signals.index(name)]
         known = BY_NAME.get(name)
         if known is None or known.scale == 1:
@@ -93,8 +96,8 @@ class Assembly:
 
 
 def fits(first_tick: int, samples: int, decimation: int) -> bool:
-    """Returns True if the ticks of all samples fit into 64-bit integers. The ticks of a corrupted
-    message may be larger."""
+    """Returns True if the ticks of all samples of a block fit into 64-bit integers. A corrupted
+    message may state larger ticks."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 

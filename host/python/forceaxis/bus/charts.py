@@ -1,8 +1,8 @@
 """Draws charts of curves in a terminal with braille characters. Each character has two by four
 dots.
 
-Available widgets need three lines of each chart for its time axis, so that three charts would not
-fit into a terminal of 24 lines.
+The chart widgets of other packages were not used: they need three text lines of each chart for the
+time axis, so that three charts would not fit into a terminal of 24 lines.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,17 +16,19 @@ from forceaxis.bus.capture_assembly import Samples
 Span = tuple[float, float]  # low, high
 Line = tuple[Samples, Samples, str]  # x, y, colour
 
-# Bit that sets the dot at (row, column) of a braille character. The characters begin at U+2800.
+# DOTS[row, column] is the bit that sets this dot of a braille character.
+# The characters begin at U+2800.
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 
 
 def draw(
     width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
 ) -> list[list[tuple[str, str]]]:
-    """Draws the curves `lines`, a list of (x, y, colour), as rows of (character, colour). The first
-    curve is drawn over all other curves.
+    """Draws curves with braille characters. `lines` has a tuple (x, y, colour) for each curve. The
+    result has one list for each row of characters, with a pair (character, colour) for each
+    character. The first curve is drawn over all other curves.
 
-    NaN interrupts a line. Points outside the spans are not drawn.
+    NaN interrupts a curve. Points outside `x_span` and `y_span` are not drawn.
     """
     dots = np.zeros((height, width), np.uint8)
     colours = np.zeros((height, width), np.int8)
@@ -49,20 +51,20 @@ def draw(
 def _pixels(
     x: Samples, y: Samples, x_span: Span, y_span: Span, columns: int, rows: int
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Returns (columns, rows) of the dots of a curve through the samples, without the dots outside
-    the chart."""
+    """Returns the columns and the rows of the dots of one curve, which is drawn through the
+    samples. Dots outside the chart are left out."""
     if not x.size:
         return np.zeros(0, int), np.zeros(0, int)
     fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
     fy = (y_span[1] - y) / (y_span[1] - y_span[0]) * (rows - 1)
     good = np.isfinite(fx) & np.isfinite(fy)
-    # Values are limited before dots are computed, because far values would need millions of dots.
+    # Values far outside the chart are limited, because a line to them would need millions of dots.
     fx, fy = np.clip(fx, -columns, 2 * columns), np.clip(fy, -rows, 2 * rows)
     px = np.rint(np.where(good, fx, 0)).astype(int)
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # The dots of all segments without the end points, then the dots of all samples.
+    # The dots between the samples are computed first, then the dots of the samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)
@@ -98,7 +100,7 @@ def number(value: float, digits: int = 6) -> str:
     return f"{value:.{digits}g}"
 
 
-SCALE_WIDTH = 9  # number of characters to the left of a chart, for the labels of the scale
+SCALE_WIDTH = 9  # width of the scale to the left of a chart, in characters
 
 
 def panel(
@@ -110,9 +112,8 @@ def panel(
     style: str = "",
     least: float = 1.0,
 ) -> Text:
-    """Returns a chart as a Text of `height` text lines, with the title and the two end values of
-    the scale on the left. `lines` is a list of curves as in draw(). All curves have the same
-    scale."""
+    """Returns a chart as a Text of `height` text lines. To the left of the chart are the title and
+    the two end values of the scale. `lines`: curves as in draw(), which all have the same scale."""
     inner, rows = max(1, width - SCALE_WIDTH), max(1, height - 1)
     y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
     text = title.copy()
@@ -133,8 +134,8 @@ def panel(
 
 
 def time_axis(width: int, seconds: float, right: str = "now") -> Text:
-    """Returns the text line below a chart that states the times at the left end and in the
-    middle."""
+    """Returns the text line below a chart. It states the times at the left end and in the middle of
+    the chart, and the text `right` at the right end."""
     inner = max(1, width - SCALE_WIDTH)
     left = f"-{seconds:g} s"
     middle = f"-{seconds / 2:g} s"

@@ -41,23 +41,26 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import number, suggestion
 
-# Number of times that a command without an answer is sent within its time-out.
-# If a network loses half of all datagrams, one command of 100,000 gets no answer.
+# A command without an answer is sent this many times within its time-out.
+# Even if a network loses half of all datagrams, only one of 100,000 commands gets no answer.
 COMMAND_TRIES = 40
-# Times in s without a block of a capture after which a client asks for its samples.
-# The first time is for a gateway that may not have the samples yet, the second for later.
+# If no block of a capture arrives for this time in s, the client asks the gateway for samples.
+# PROGRESS_WAIT_S applies while the gateway may still read the samples from the axis.
+# LATE_BLOCKS_WAIT_S applies after the gateway has read all samples.
 PROGRESS_WAIT_S, LATE_BLOCKS_WAIT_S = 1.0, 0.25
-# Longest time in s from the trigger of a capture until all its samples have arrived.
-# The second number is that of successive requests for lost samples that bring no new sample.
-# If a network loses half of all datagrams, one of a million captures needs more requests.
+# TRANSFER_MAX_S: longest time in s from the trigger of a capture until all its samples have
+# arrived.
+# FRUITLESS_MAX: largest number of consecutive requests for lost samples without a new sample.
+# If a network loses half of all datagrams, only one of a million captures needs more requests.
 TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 20
 RANGES_MAX = 100  # largest number of ranges of lost samples in one request
-WAKE_S = 0.25  # longest time in s between two looks at what was received
+WAKE_S = 0.25  # longest time in s between two checks of the received messages
 SILENCE_S = 1.0  # longest time in s between two state messages of an axis while the gateway runs
 
 T = TypeVar("T")
 Value = float | str  # engineering value, or the text of an enumeration
-# SDO abort codes of CiA 301: SDO protocol timed out, not in the present state of the device
+# SDO abort codes of CiA 301: "SDO protocol timed out", and "not possible in the present state of
+# the device".
 SDO_TIMEOUT, NOT_NOW = 0x05040000, 0x08000022
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
@@ -65,8 +68,8 @@ ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 class Refused(Exception):
     """Error: the axis or the connection refused a command or an access.
 
-    The text states the reason. `code` is the SDO abort code, or 0 without an abort code. `event` is
-    the answer of the gateway, or None for a connection without a gateway.
+    The error text states the reason. `code` is the SDO abort code, or 0 if there is none. `event`
+    is the answer of the gateway, or None if the connection has no gateway.
     """
 
     def __init__(self, text: str, code: int = 0, event: axis_event_t | None = None) -> None:
@@ -95,8 +98,8 @@ def object_named(name: str) -> AxisObject | None:
 def to_raw(name: str, value: Value) -> int:
     """Converts an engineering value or the text of an enumeration to the raw value of an object.
 
-    The value for a CANopen address is already a raw value. Raises InputError for a value outside
-    the range of the object.
+    If `name` is a CANopen address, `value` must already be a raw value. Raises InputError for a
+    value outside the range of the object.
     """
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
@@ -150,7 +153,7 @@ class AxisClient(Closable):
         self._captures: dict[int, Assembly] = {}
         self._events: deque[tuple[int, axis_event_t]] = deque(maxlen=10_000)
         self._news, self._received_s = threading.Condition(), -math.inf
-        # Time at which the latest block of this client's capture arrived or was requested.
+        # Time at which a block of the capture of this client last arrived or was last requested.
         self._block_s = -math.inf
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 
@@ -158,8 +161,8 @@ class AxisClient(Closable):
         self._bus.close()
 
     def write(self, name: str, value: Value) -> axis_event_t:
-        """Writes one object. `value` is an engineering value or the text of an enumeration, or a
-        raw value for a CANopen address. Returns the event that acknowledges the command."""
+        """Writes one object. `value` is an engineering value or the text of an enumeration. For a
+        CANopen address, `value` is a raw value. Returns the event that acknowledges the command."""
         return self.write_all({name: value})
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
@@ -191,7 +194,8 @@ class AxisClient(Closable):
 
     def take(self) -> axis_event_t:
         """Acquires the axis: LCM becomes the command source of the axis. This program stays the
-        owner as long as it writes an object within the time in the object `watchdog`."""
+        owner as long as the time between two of its writes is shorter than the time in the object
+        `watchdog`."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self) -> axis_event_t:
@@ -201,12 +205,12 @@ class AxisClient(Closable):
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
     ) -> Assembly:
-        """Records `signals` in each tick and returns the recording. Calls arm() and then
-        captured().
+        """Records `signals` in each tick, and returns the recording as an Assembly. Calls arm() and
+        then captured().
 
-        samples 0: as many as the recorder can store. `settings` are further objects of the recorder
-        without their prefix: decimation=3, pretrigger=100, trigger_edge="rising",
-        trigger_level=5120.
+        `samples`: number of samples; 0 means as many as the recorder can store. `settings`: values
+        of further objects of the recorder, named without the prefix `recorder_`, such as
+        decimation=3, pretrigger=100, trigger_edge="rising" or trigger_level=5120.
         """
         return self.captured(self.arm(signals, samples, **settings), timeout_s)
 
@@ -228,18 +232,19 @@ class AxisClient(Closable):
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
-        """Loads an incident of the black box into the recorder. `signals` are the signals that the
-        black box has recorded. Returns the number of this recording, which captured() needs."""
+        """Loads the incident that the black box of the axis has stored into the recorder.
+        `signals`: names of the signals that the black box has recorded. Returns the number of this
+        recording, which captured() needs."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         self._block_s = time.monotonic()
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
-        """Waits for the end of a recording, at most `timeout_s`, then for its samples. Asks the
-        gateway for samples that do not come. Returns a capture_assembly.Assembly, whose `missing`
-        is the number of samples that were lost every time."""
+        """Waits for the end of a recording, for at most `timeout_s`, and then for its samples.
+        Requests lost samples from the gateway again. Returns a capture_assembly.Assembly. Its
+        `missing` is the number of samples that were lost in all attempts."""
         end = time.monotonic() + timeout_s
-        is_read, have, fruitless = False, 0, 0  # is_read: the gateway has read the recorder
+        is_read, have, fruitless = False, 0, 0  # is_read: True if the gateway has read the recorder
         while not self._whole(number):
             self._await_blocks(number, is_read, max(end - time.monotonic(), 0.0) or math.inf)
             before, have = have, self._have(number)
@@ -276,13 +281,14 @@ class AxisClient(Closable):
         return held.total - held.missing if held else 0
 
     def _await_blocks(self, number: int, is_read: bool, timeout_s: float) -> None:
-        """Waits until a capture is complete or has stalled, at most `timeout_s`."""
+        """Waits until all samples of a capture have arrived or until its transfer has stalled, for
+        at most `timeout_s`."""
         with self._news:
             self._await(lambda: self._whole(number) or self._stalled(number, is_read), timeout_s)
 
     def _stalled(self, number: int, is_read: bool) -> bool | None:
-        """Returns True if a capture has failed, or if the last block was received so long ago that
-        the client has to ask for the next block. Returns None otherwise. `is_read`: True if the
+        """Returns True if a capture has failed. Also returns True if no block has arrived for so
+        long that the client has to request samples. Otherwise returns None. `is_read`: True if the
         gateway has read all samples from the axis."""
         ended = self._ended(number)
         if ended and ended.code < 0:
@@ -291,8 +297,8 @@ class AxisClient(Closable):
         return True if time.monotonic() - self._block_s > wait_s else None
 
     def _repeat(self, number: int) -> bool:
-        """Asks the gateway to send the samples of a capture that are missing again. Returns False
-        if the gateway does not have them yet. Raises Refused, NoAnswer."""
+        """Asks the gateway to send the missing samples of a capture again. Returns False if the
+        gateway has not read these samples from the axis yet. Raises Refused, NoAnswer."""
         with self._news:
             held = self._captures.get(number)
             ranges = held.gaps()[:RANGES_MAX] if held else [(0, SAMPLES_MAX)]
@@ -304,7 +310,7 @@ class AxisClient(Closable):
         return total > 0
 
     def _expect_end(self, timeout_s: float) -> None:
-        """Raises NoAnswer if the recorder still waits for its trigger or records."""
+        """Raises NoAnswer if the recorder still waits for its trigger or still records."""
         state = self.read("recorder_state")
         if state not in ("armed", "recording"):
             return  # the gateway is still reading the samples from the axis
@@ -326,14 +332,15 @@ class AxisClient(Closable):
         return None
 
     def _ended(self, command_id: int) -> axis_event_t | None:
-        """Returns the event that ends a capture of this client."""
+        """Returns the event that reports the end of a capture of this client, or None if it has not
+        arrived."""
         return self._event_of(command_id, axis_event_t.EVENT_CAPTURE)
 
     def _command(
         self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
     ) -> axis_event_t:
-        """Sends a command repeatedly until the event arrives that acknowledges the command, and
-        returns this event. Raises Refused, NoAnswer."""
+        """Sends a command repeatedly until an event acknowledges the command. Returns this event.
+        Raises Refused, NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
         command.utime = NOT_AVAILABLE
@@ -382,8 +389,8 @@ class AxisClient(Closable):
         """Waits for an event of `kind` (None means any kind) for which where(event) is True, and
         returns the event.
 
-        The search includes the events since the latest command, because the command may have caused
-        these events. Raises NoAnswer.
+        An event that arrived after the latest command is also returned, because the command may
+        have caused it. Raises NoAnswer.
         """
 
         def ready() -> axis_event_t | None:
@@ -416,7 +423,7 @@ class AxisClient(Closable):
             elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
                 self._block_s = time.monotonic()
-                # the oldest capture is dropped, because no caller waits for it any longer
+                # the oldest capture is deleted, because no caller waits for it any longer
                 if len(self._captures) > 16:
                     del self._captures[min(self._captures)]
             self._news.notify_all()
@@ -443,7 +450,8 @@ class AxisClient(Closable):
 
 
 def _refusal(event: axis_event_t) -> Refused | NoAnswer:
-    """Returns the error for a command that the gateway refused, or that its axis did not answer."""
+    """Returns the error for a failed command. The error is NoAnswer if the axis did not answer the
+    gateway, otherwise Refused."""
     if event.code == SDO_TIMEOUT:
         return NoAnswer(f"axis {event.axis} at the gateway: {event.text}")
     named, _, _ = event.text.partition(":")

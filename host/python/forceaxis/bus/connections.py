@@ -1,18 +1,18 @@
-"""Bounds the number and the age of the TCP connections of a server in this process, for a server of
-any library.
+"""Limits the number and the age of the TCP connections of a server in this process. The server may
+use any library.
 
     with bounded(port):
         ...
 
-A connection whose first request is not complete, and therefore not answered, after REQUEST_S is
-closed. Of more than CONNECTIONS_MAX connections, those that were never answered are closed first,
-then those that have been idle for the longest time, so idle clients cannot prevent others from
-connecting (host/modbus/tcp_server.hpp has the same rules). A peer that no longer exists, or no
-longer reads, loses its connection after PEER_S.
+If the server has not answered a connection after REQUEST_S, because its first request is not
+complete, the connection is closed. If there are more than CONNECTIONS_MAX connections, those
+without an answer are closed first. Then those are closed that have been idle for the longest time.
+Idle clients can therefore not prevent others from connecting. host/modbus/tcp_server.hpp has the
+same rules. A connection whose peer no longer exists, or no longer reads, ends after PEER_S.
 
-A thread checks the sockets of the process and the numbers that the kernel has for each of them
-(TCP_INFO). It needs no free file descriptor, so it also works when a large number of clients uses
-all of them.
+A thread checks the sockets of the process. It reads the state of each socket from the kernel
+(TCP_INFO). The thread needs no free file descriptor, so it also works if clients use all file
+descriptors.
 """
 
 import contextlib
@@ -28,10 +28,10 @@ from typing import NamedTuple, TypeVar
 CONNECTIONS_MAX = 32
 REQUEST_S = 3.0
 PEER_S = 60
-# Time in s between two checks of all connections. An age is a number of checks.
-# An age therefore does not grow while the process is suspended.
+# Time in s between two checks of all connections. The age of a connection is a number of checks.
+# The age therefore does not grow while the process is suspended.
 LOOK_S = 0.1
-# The fields of struct tcp_info (linux/tcp.h) that Counted has.
+# Layout of struct tcp_info (linux/tcp.h), with only the fields that Counted contains.
 INFO = struct.Struct("=B51xI64xQ")
 ESTABLISHED, CLOSE_WAIT = 1, 8
 OPEN = (ESTABLISHED, CLOSE_WAIT)  # TCP states in which this process has not closed the connection
@@ -39,8 +39,8 @@ T = TypeVar("T")
 
 
 class Counted(NamedTuple):
-    """Figures of the kernel about a TCP connection: its state, the time in ms since the last data
-    of the peer, and the number of bytes that the peer has acknowledged."""
+    """Values of the kernel about a TCP connection: its state, the time in ms since data of the peer
+    last arrived, and the number of bytes that the peer has acknowledged."""
 
     state: int
     idle_ms: int
@@ -48,22 +48,24 @@ class Counted(NamedTuple):
 
 
 class Connection(NamedTuple):
-    """State of one connection at one check. Connections are closed in the order of this type."""
+    """State of one connection at one check. The connection that is smallest in tuple order is
+    closed first."""
 
     answered: bool
-    active: int  # time in ms since the last data of the client, as a negative number
+    active: int  # negative time in ms since data of the client last arrived
     descriptor: int
     inode: int
 
 
 class Bounds:
-    """Bounds the connections to one TCP port; each call of look() checks all of them."""
+    """Limits the connections to one TCP port. Each call of look() checks all connections."""
 
     def __init__(self, port: int) -> None:
         self._port = port
-        # {inode of a connection without an answer: number of checks}
+        # {inode of a connection that was not answered yet: number of checks of this connection}
         self._looks: dict[int, int] = {}
-        # `_view`: second descriptor of the connection that is being checked, else of /dev/null.
+        # `_view` is a second file descriptor of the connection that is being checked.
+        # Between two checks, it is a descriptor of /dev/null.
         self._nothing = os.open(os.devnull, os.O_RDONLY)
         self._view = os.dup(self._nothing)
 
@@ -72,7 +74,7 @@ class Bounds:
         os.close(self._nothing)
 
     def look(self) -> None:
-        """Closes the connections that exceed the bounds."""
+        """Closes the connections that exceed the limits."""
         found = sorted(self._connections())
         self._looks = {c.inode: self._looks.get(c.inode, 0) + 1 for c in found if not c.answered}
         for i, one in enumerate(found):
@@ -93,9 +95,9 @@ class Bounds:
                     yield Connection(answered, active, descriptor, status.st_ino)
 
     def _with(self, descriptor: int, inode: int, look: Callable[[socket.socket], T]) -> T | None:
-        """Calls `look` with the connection of a file descriptor and returns the result. Returns
-        None if the descriptor is no connection to the port, or is no longer the connection with the
-        number `inode`."""
+        """Calls look(connection) for the connection of a file descriptor and returns the result.
+        Returns None if the descriptor is not a connection to the port. Also returns None if the
+        descriptor meanwhile belongs to another connection than that with the number `inode`."""
         viewed = None
         try:
             os.dup2(descriptor, self._view, inheritable=False)
@@ -104,20 +106,21 @@ class Bounds:
             tcp = viewed.type == socket.SOCK_STREAM and viewed.family != socket.AF_UNIX
             if not (same and tcp and viewed.getsockname()[1] == self._port):
                 return None
-            viewed.getpeername()  # this call fails for the listening socket
+            viewed.getpeername()  # this call raises OSError for the listening socket
             return look(viewed)
         except OSError:  # the connection has ended meanwhile
             return None
         finally:
             if viewed:
                 viewed.detach()
-            # Without this call, the connection would stay open after the server has closed it.
+            # Without this call, `_view` would keep the connection open after the server has closed
+            # it.
             os.dup2(self._nothing, self._view, inheritable=False)
 
 
 def descriptors() -> Iterable[int]:
-    """Returns the numbers of the open file descriptors of this process. If no descriptor is free
-    for reading this list, returns all possible numbers."""
+    """Returns the numbers of the open file descriptors of this process. Reading this list needs a
+    free descriptor. If no descriptor is free, returns all possible numbers."""
     try:
         return map(int, os.listdir("/proc/self/fd"))
     except OSError:
@@ -125,8 +128,8 @@ def descriptors() -> Iterable[int]:
 
 
 def watched(connection: socket.socket) -> Counted:
-    """Makes the kernel end a connection whose peer does not answer for PEER_S seconds. Returns the
-    figures of the kernel about the connection."""
+    """Makes the kernel end the connection if the peer does not answer for PEER_S seconds. Returns
+    the values of the kernel about the connection."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, PEER_S // 2)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PEER_S // 6)
@@ -137,7 +140,7 @@ def watched(connection: socket.socket) -> Counted:
 
 @contextlib.contextmanager
 def bounded(port: int) -> Iterator[None]:
-    """Bounds the connections to the TCP port of a server of this process while the block runs."""
+    """Context manager that limits the connections to the TCP port of a server in this process."""
     bounds, ended = Bounds(port), threading.Event()
 
     def look() -> None:

@@ -1,6 +1,8 @@
-"""A WebSocket server for Foxglove: topics of a live LCM bus or of a recording, read-only.
+"""A WebSocket server for the viewer Foxglove. Clients can only read the topics of a live LCM bus or
+of a recording.
 
-The server has no capabilities, so a client can only subscribe to topics.
+The server announces no capabilities of the Foxglove protocol, so a client can only subscribe to
+topics.
 """
 
 import signal
@@ -16,14 +18,15 @@ from forceaxis.bus.sources import AddressError, MonitorSettings, ReplaySource
 from forceaxis.bus.topics import Topic, Topics
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
-# Number of messages that wait for a slow client, about 40 s of an axis. Older ones are dropped.
-# The ticks of the samples and the sequence numbers of the messages show the dropped ones.
+# Largest number of messages that wait for a slow client, about 40 s of one axis.
+# If more messages wait, the oldest messages are deleted.
+# A client can recognise deleted messages by the ticks of the samples and the sequence numbers.
 BACKLOG_MESSAGES = 1 << 16
 
 
 class FoxgloveTopics:
-    """Passes LCM messages to the Foxglove clients of a server. A topic is created with its first
-    message."""
+    """Passes LCM messages to the Foxglove clients of a server. Each topic is created when its first
+    message arrives."""
 
     def __init__(self, context: foxglove.Context, mm_per_count: float | None = None) -> None:
         self._context, self._topics = context, Topics(mm_per_count)
@@ -54,8 +57,8 @@ def serve(
     ready: Callable[[str], None],
 ) -> int:
     """Serves the topics until SIGINT or SIGTERM, and returns the number of the signal. `record` is
-    a new file for the messages, or None. Calls ready(url) when the server listens. Raises
-    AddressError, InputError."""
+    the path of a new file to which the messages are recorded, or None. Calls ready(url) when the
+    server listens. Raises AddressError, InputError."""
     ended, number = threading.Event(), signal.SIGTERM
 
     def end(received: int, _: FrameType | None) -> None:
@@ -63,7 +66,7 @@ def serve(
         number = signal.Signals(received)
         ended.set()
 
-    # otherwise the library prints a line for each failed handshake
+    # Without this call, the library prints a line for each failed handshake.
     foxglove.set_log_level("CRITICAL")
     context = foxglove.Context()
     source = settings.source(FoxgloveTopics(context, settings.mm_per_count))

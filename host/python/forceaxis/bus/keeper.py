@@ -1,5 +1,5 @@
-"""Threads that repeatedly write the watchdog of an axis, or send the heartbeat of the owner of the
-axis."""
+"""Threads that keep an axis enabled. They repeatedly write the watchdog of the axis, or send the
+heartbeat that the axis monitors."""
 
 import contextlib
 import socket
@@ -16,8 +16,8 @@ class Keeper:
     """A thread that calls feed() repeatedly until close(). feed() returns the time in s until the
     next call.
 
-    A refused or unanswered write does not end the thread, because other accesses of the owner
-    report the error.
+    A write that is refused or not answered does not end the thread. The owner of the axis sees this
+    error in its other accesses.
     """
 
     def __init__(self, feed: Callable[[], float]) -> None:
@@ -39,13 +39,13 @@ class Keeper:
 
 
 class HeartbeatKeeper(Keeper):
-    """Sends a CANopen heartbeat, one byte with the identifier `can_id`, every `period_s`. The
-    constructor starts the heartbeat.
+    """Sends a CANopen heartbeat every `period_s` seconds. The heartbeat is a CAN frame with the
+    identifier `can_id` and one byte. The constructor starts the heartbeat.
 
-    On a CAN interface the kernel sends the heartbeat (broadcast manager of SocketCAN). It continues
-    for BRIDGED_S after the last call of this thread, because a long call of another thread may
-    delay this thread, and it ends with the process. Without such an interface or kernel, the thread
-    calls send(data).
+    On a CAN interface, the kernel sends the heartbeat (broadcast manager of SocketCAN). The kernel
+    goes on for BRIDGED_S after the last command of this thread, because other threads may delay
+    this thread. The heartbeat ends with the process. If the kernel cannot send it, the thread calls
+    send(data).
     """
 
     BRIDGED_S = 2.0
@@ -83,8 +83,8 @@ class HeartbeatKeeper(Keeper):
 
 
 def _broadcast_manager(interface: str | None) -> socket.socket:
-    """Returns a socket for cyclic frames that the kernel sends. Raises OSError if the kernel or the
-    interface does not support cyclic frames."""
+    """Returns a socket by which a program lets the kernel send cyclic frames. Raises OSError if the
+    kernel or the interface does not support cyclic frames."""
     if interface is None:
         raise OSError
     made = socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM)
@@ -97,8 +97,8 @@ def _broadcast_manager(interface: str | None) -> socket.socket:
 
 
 def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
-    """Returns the command for the kernel (linux/can/bcm.h) to send a frame `count` times with the
-    period `period_us`. The kernel sends the first frame immediately."""
+    """Returns the bytes of a command to the kernel (linux/can/bcm.h). The kernel then sends a frame
+    `count` times with the period `period_us`, and sends the first frame immediately."""
     set_and_start = socket.CAN_BCM_SETTIMER | socket.CAN_BCM_STARTTIMER
     head = (socket.CAN_BCM_TX_SETUP, set_and_start, count, 0, period_us, 0, 0, can_id, 1)
     frame = struct.pack("=IB3x8s", can_id, len(data), data.ljust(8, b"\0"))
@@ -112,8 +112,9 @@ class WatchdogKeeper(Keeper):
     The firmware ignores a write by a client that does not own the axis, so the thread has no effect
     on an axis that another client has acquired.
 
-    read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
-    locked from reading to writing. A caller that changes the watchdog must hold this lock.
+    The function read() returns the value of the object `watchdog` in ms, and write(ms) writes it.
+    This thread calls both, and holds the lock `unchanged` from reading to writing. A caller that
+    changes the watchdog must hold this lock.
     """
 
     def __init__(self, read: Callable[[], int], write: Callable[[int], None]) -> None:
@@ -129,8 +130,8 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """A WatchdogKeeper for an axis behind a gateway. The GatewayKeeper has a separate client, and
-    can therefore write while the client of the owner waits for a capture."""
+    """A WatchdogKeeper for an axis behind a gateway. It has its own LCM client. It can therefore
+    write while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)

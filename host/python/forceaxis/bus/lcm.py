@@ -1,5 +1,5 @@
-"""A connection to an LCM bus with the channels and message types of host/lcm/axis.lcm. Counts lost
-messages."""
+"""A connection to an LCM bus. host/lcm/axis.lcm defines the message types. The module also counts
+lost messages."""
 
 import abc
 import ctypes
@@ -32,7 +32,7 @@ from forceaxis.words import printable
 try:
     import lcm
 except ImportError:
-    # The package lcm needs GLib of the system. A wheel of forceaxis brings GLib along.
+    # The package lcm needs the library GLib of the system. A wheel of forceaxis contains GLib.
     glib = paths.LIBRARIES / "libglib-2.0.so.0"
     if not glib.is_file():
         raise
@@ -45,8 +45,8 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 AXES = range(1, 128)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
-# Number of messages that liblcm queues while the thread is busy.
-# A burst of messages exceeds the default of liblcm, which is 30.
+# Number of messages that liblcm stores while the receiving thread is busy.
+# The default of liblcm is 30 messages, and a burst of messages can be larger.
 QUEUE_MESSAGES = 20_000
 
 M = TypeVar("M", bound=Message)
@@ -59,7 +59,8 @@ _TYPES: dict[str | None, type[Message]] = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# All message types by fingerprint, also the lock-step types, because logs may contain them.
+# {fingerprint: message type}.
+# The types of the lock-step are included, because logs may contain them.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -69,12 +70,12 @@ _CHANNEL = re.compile(r"AXIS_([1-9][0-9]{0,2})_(STATE|COMMAND|EVENT|CAPTURE)|SIM
 
 
 class Undecodable(Exception):
-    """Error: the type of a message differs from the message type of the channel."""
+    """Error: the bytes of a message do not have the message type of its channel."""
 
 
 def channel_of(name: str) -> tuple[int | None, str | None]:
-    """Returns (number of the axis or None, kind) from the name of a channel. Returns (None, None)
-    for a channel of a different program."""
+    """Reads the name of a channel. Returns the number of the axis, or None for a channel without an
+    axis, and the kind of the messages. Returns (None, None) for a channel of another program."""
     match = _CHANNEL.fullmatch(name)
     if not match or int(match[1] or 1) not in AXES:
         return None, None
@@ -82,17 +83,17 @@ def channel_of(name: str) -> tuple[int | None, str | None]:
 
 
 def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
-    """Returns the message type of a channel. The name of the channel selects the type, otherwise
-    the fingerprint at the beginning of the data. Returns None for a message type of a different
-    program."""
+    """Returns the message type of a channel. The name of the channel selects the type. If the name
+    is unknown, the fingerprint at the beginning of the data selects it. Returns None for a message
+    type of another program."""
     return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
 def decode(channel: str, data: bytes) -> Message:
     """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type.
 
-    The function replaces control characters in texts of the message, because any program on the bus
-    can send control characters and a terminal would execute them.
+    Control characters in texts of the message are replaced, because a terminal would execute them.
+    Any program on the bus could send such characters.
     """
     carried = type_of(channel, data)
     if carried is None:
@@ -111,8 +112,8 @@ def decode(channel: str, data: bytes) -> Message:
 
 
 def blank(message_type: type[M]) -> M:
-    """Returns a message with the value NOT_AVAILABLE in all integers except wall_utime, which is
-    the present time."""
+    """Returns a new message. The field `wall_utime` is the present time, and all other integers
+    have the value NOT_AVAILABLE."""
     message = message_type()
     for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
         if kind == "int64_t" and not isinstance(getattr(message, name), list):
@@ -134,7 +135,7 @@ def default_url() -> str:
 
 
 def connect(url: str | None = None) -> lcm.LCM:
-    """Connects to an LCM bus. Raises InputError with a text that states the remedy in one line."""
+    """Connects to an LCM bus. Raises InputError with a text of one line that states the remedy."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
@@ -161,7 +162,7 @@ def _expect_route(url: str) -> None:
     """Raises InputError for a multicast URL if the machine has no route to the multicast group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
-        return  # liblcm reports an error in the URL
+        return  # liblcm itself reports an error in the URL
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((match[1], int(match[2] or 7667)))
@@ -175,17 +176,19 @@ def _expect_route(url: str) -> None:
 
 @dataclass
 class _Run:
-    """State of one publisher: the sequence number that is expected next, and the sequence numbers
-    of missing messages."""
+    """Received messages of one publisher: the sequence number that is expected next, and the
+    sequence numbers that are missing."""
 
     next_seq: int
     missing: set[int] = field(default_factory=set)
 
 
 class Gaps:
-    """Counts lost, duplicated and late messages by their run_id and sequence number."""
+    """Counts lost, duplicated and late messages of one channel, by their run_id and sequence
+    number."""
 
-    # largest number of missing sequence numbers that are stored to recognise late messages
+    # Largest number of missing sequence numbers that are stored.
+    # They are needed to recognise late messages.
     MISSING_KEPT = 4096
 
     def __init__(self) -> None:
@@ -240,17 +243,17 @@ class Closable(abc.ABC):
 
 
 class Bus(Closable):
-    """A connection with its own thread, which calls handle(channel, data, wall_us) for each
-    message. `data` are the bytes of the message. `wall_us` is the time of reception in us since
-    1970."""
+    """A connection to an LCM bus. Its own thread calls handle(channel, data, wall_us) for each
+    received message. `data` are the bytes of the message. `wall_us` is the time of reception in us
+    since 1970."""
 
     def __init__(
         self, url: str | None, handle: Callable[[str, bytes, int], None], channels: str = CHANNELS
     ) -> None:
         self.url = url or default_url()
-        self.trouble: str | None = None  # text of the error that ended the thread
+        self.trouble: str | None = None  # text of the error that has ended the thread, or None
         self._handle, self._run = handle, True
-        self._lcm: lcm.LCM | None = connect(self.url)  # None: closed
+        self._lcm: lcm.LCM | None = connect(self.url)  # None after close()
         self._seq: dict[str, int] = {}
         self._run_id, self._lock = new_run_id(), threading.Lock()
         subscription = self._lcm.subscribe(channels, self._take)
@@ -288,9 +291,10 @@ class Bus(Closable):
         try:
             while self._run:
                 receiver.handle_timeout(100)
-        except Exception as error:  # the caller of this connection reports the error
+        except Exception as error:  # the user of this connection reports the error
             self.trouble = f"{self.url}: {error}"
         finally:
-            # The subscription refers to this object, whose sockets stay open while it exists.
-            # The library fails with more than 1024 sockets.
+            # The subscription refers to the LCM object, whose sockets stay open as long as it
+            # exists.
+            # The library lcm fails if the process has more than 1024 sockets.
             receiver.unsubscribe(subscription)

@@ -1,7 +1,7 @@
 """Writes and reads log files of LCM messages in the format of lcm-logger.
 
-The reader of liblcm stops at the first damaged byte without a message. This reader continues at the
-next entry and reports the number of skipped bytes.
+At a damaged byte, the reader of liblcm stops and reports no error. The reader of this module
+continues at the next log entry and reports the number of skipped bytes.
 """
 
 import struct
@@ -17,10 +17,11 @@ from forceaxis._core import InputError
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
-# Header of a log entry: sync mark, number, time in us since 1970, sizes of name and data in bytes.
+# Header of a log entry: synchronisation mark, number of the entry, time in us since 1970, size of
+# the channel name in bytes, size of the data in bytes.
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
-# largest time in us, in the year 2262: MCAP and NumPy count nanoseconds in 64 bits
+# Largest time in us, which is in the year 2262. MCAP and NumPy count nanoseconds in 64 bits.
 LATEST_US = (1 << 63) // 1000
 
 
@@ -33,7 +34,8 @@ class LogEntry(NamedTuple):
 
 
 def new_file(path: Path) -> BinaryIO:
-    """Creates a file, and opens it for writing. Raises InputError if the file exists, OSError."""
+    """Creates a file, and opens it for writing. Raises InputError if the file already exists, and
+    OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         return path.open("xb")
@@ -46,8 +48,9 @@ def new_file(path: Path) -> BinaryIO:
 
 class LogWriter:
     """Writes a log that lcm-logplayer and other LCM tools can read. The writer flushes the file
-    twice a second, so that few messages are lost if the process is killed. Without a `stream`, the
-    writer creates the file. Raises InputError if the file exists."""
+    twice a second, so that few messages are lost if the process is killed. `stream`: an open file
+    to write to, or None. If it is None, the writer creates the file `path`, and raises InputError
+    if the file already exists."""
 
     def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
         self.path, self.count = path, 0
@@ -69,8 +72,8 @@ class LogWriter:
 
 
 class LogReader:
-    """Iterates over the entries of a log. After the iteration, `damage` describes skipped bytes in
-    one text line, or is None without skipped bytes."""
+    """Iterates over the entries of a log. After the iteration, `damage` is one text line about the
+    skipped bytes, or None if no byte was skipped."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count, self.skipped, self.cut = path, 0, 0, False
@@ -94,7 +97,7 @@ class LogReader:
                     mark == SYNC_MARK and name_size <= LONGEST_CHANNEL
                     and data_size <= LONGEST_DATA and 0 <= wall_us < LATEST_US
                 )  # fmt: skip
-                # A corrupted length would skip correct entries that follow.
+                # If the length of an entry is corrupted, the next correct entries would be skipped.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1
                     at, middle = stop, start + name_size
@@ -109,9 +112,9 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Returns True if an entry ends at `stop`. An entry ends at `stop` if the next entry or
-        the end of the file follows at `stop`, or if no other entry begins between `start` and
-        `stop`."""
+        """Returns True if the log entry that begins at `start` ends at `stop`. This is assumed if
+        the next entry or the end of the file is at `stop`, or if no other entry begins between
+        `start` and `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 
@@ -129,8 +132,8 @@ class LogReader:
 
 
 def _find(data: memoryview, start: int, stop: int) -> int:
-    """Returns the position of the next entry between `start` and `stop`, or -1 without an entry.
-    The function searches the data in blocks, because a log may be large."""
+    """Returns the position of the first log entry between `start` and `stop`, or -1 if there is
+    none. Searches the data in blocks, because a log may be large."""
     piece = 1 << 20
     while start < stop:
         found = bytes(data[start : min(stop, start + piece + 3)]).find(SYNC_BYTES)

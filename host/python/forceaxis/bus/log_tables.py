@@ -24,7 +24,7 @@ from forceaxis.bus.messages import (
 from forceaxis.bus.recordings import RecordingReader, expect_messages, reader_of
 
 Table = dict[str, NDArray[Any]]
-# values of a column: an array of integers or doubles, or a list of texts
+# Values of a column of a table: an array of integers or doubles, or a list of texts.
 Column = MutableSequence[Any]
 
 
@@ -51,8 +51,8 @@ class ExportSummary:
 
 
 class Columns:
-    """A table to which rows of {column: value} are added. A missing value becomes an empty
-    field."""
+    """A table that is built from rows. Each row is {name of the column: value}. A missing value
+    becomes an empty field."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -60,7 +60,8 @@ class Columns:
 
     def add(self, row: Row) -> None:
         for name, value in row.items():
-            # A column without values exists too, so that all tables of a message type are similar.
+            # A column without values is also created, so that all tables of a message type have the
+            # same columns.
             if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue
@@ -76,8 +77,8 @@ class Columns:
         self.rows += 1
 
     def arrays(self) -> Table:
-        """Returns {column: array}. An array of numbers contains integers if no value is missing,
-        otherwise doubles with NaN for a missing value."""
+        """Returns {name of the column: array}. A column of integers becomes an array of integers if
+        no value is missing, otherwise an array of doubles with NaN for each missing value."""
         made: Table = {}
         for name, column in self._columns.items():
             kind = _kind(column)
@@ -98,8 +99,8 @@ def _kind(column: Column | None) -> str | None:
 
 
 def _changed(column: Column | None, wanted: str | None) -> Column:
-    """Converts a column if a new value has a different type: a column of integers to doubles, and a
-    column of numbers to texts."""
+    """Converts a column if a new value has another type. A column of integers becomes a column of
+    doubles, and a column of numbers becomes a column of texts."""
     if column is None:
         return [] if wanted is None else array(wanted)
     if wanted == "d":
@@ -146,7 +147,8 @@ class _Exporter:
             self.tables.setdefault(channel, Columns()).add(row)
 
     def named(self) -> dict[str, Table]:
-        """Returns {name: table}. The tables of several captures on one channel are numbered."""
+        """Returns {name of the table: table}. If a channel has several captures, the names of their
+        tables are numbered."""
         numbers: dict[str, int] = {}
         named = {channel: table.arrays() for channel, table in self.tables.items()}
         for (channel, _, _), held in self.captures.items():
@@ -165,13 +167,13 @@ def _read(reader: RecordingReader) -> _Exporter:
 
 def tables_of(reader: RecordingReader) -> tuple[dict[str, Table], list[str], str | None]:
     """Returns all tables of a log as {name: table}, the names of channels of other programs, and
-    one line about the damage of the log or None."""
+    one text line about the damage of the log. The last element is None for an undamaged log."""
     exporter = _read(reader)
     return exporter.named(), sorted(exporter.others), reader.damage
 
 
 def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
-    """Writes all tables of a log to the folder `out`."""
+    """Writes all tables of a log to files in the folder `out`."""
     reader = reader_of(path)
     exporter = _read(reader)
     expect_messages(reader)
@@ -196,7 +198,8 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
 
 
 def truth_rows(message: sim_truth_t) -> Iterator[Row]:
-    """Returns the samples of a sim_truth_t message as rows in SI units."""
+    """Yields one row of a table, with values in SI units, for each sample of a sim_truth_t
+    message."""
     names = [with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
@@ -216,7 +219,7 @@ def capture_columns(held: Assembly) -> Table:
 
 
 def write_csv(path: Path, columns: Table) -> None:
-    """Writes a table as CSV. A NaN becomes an empty field, and doubles are written with all
+    """Writes a table as a CSV file. A NaN becomes an empty field, and doubles are written with all
     digits."""
 
     def texts(values: NDArray[np.generic]) -> list[str]:

@@ -1,7 +1,8 @@
-"""Recordings of LCM messages as MCAP files, with the topics of `forceaxis.bus.topics`.
+"""Recordings of LCM messages as MCAP files. Each LCM channel becomes two topics; see
+forceaxis.bus.topics.
 
-Viewers read the JSON topics. This program reads the bytes of the messages, so that a recording is
-the same in both formats.
+Viewers read the topics in JSON. This program reads the topics with the bytes of the LCM messages,
+so that an MCAP file and a log contain the same messages.
 """
 
 import dataclasses
@@ -21,14 +22,16 @@ from forceaxis.bus.log import LogEntry, new_file
 from forceaxis.bus.topics import LCM, NS_PER_US, RAW, Topic, Topics
 
 PROFILE = "forceaxis"
+# Size of a chunk of an MCAP file in bytes.
 # If the program is killed, only the messages of one chunk are lost.
 CHUNK_BYTES = 1 << 18
-RECORD_MOST_BYTES = 1 << 28  # a longer record is damaged
+# largest size of a record in bytes; a record that states a larger size is damaged
+RECORD_MOST_BYTES = 1 << 28
 
 
 class McapWriter:
-    """Writes LCM messages to a new MCAP file, with the methods of a LogWriter. Raises InputError if
-    the file exists."""
+    """Writes LCM messages to a new MCAP file. It has the same methods as a LogWriter. Raises
+    InputError if the file exists."""
 
     def __init__(self, path: Path, stream: BinaryIO | None = None) -> None:
         self.path, self.count = path, 0
@@ -52,8 +55,8 @@ class McapWriter:
             self._flushed = now
 
     def _channel(self, topic: Topic) -> int:
-        """Returns the number of the MCAP channel of a topic, which is registered at its first
-        message."""
+        """Returns the number of the MCAP channel of a topic. The channel is registered when its
+        first message is written."""
         if topic not in self._channels:
             schema = 0
             if topic.schema_name:
@@ -77,9 +80,9 @@ class McapWriter:
 
 
 def _unpacked(chunk: Chunk) -> Chunk:
-    """Returns the data of a compressed chunk. Raises ValueError if they are larger than
-    RECORD_MOST_BYTES, whatever size the chunk states, and the exceptions of the decompressing
-    packages."""
+    """Decompresses a chunk. Raises ValueError if the decompressed data are larger than
+    RECORD_MOST_BYTES, even if the chunk states a smaller size. Also raises the exceptions of the
+    packages that decompress."""
     most = RECORD_MOST_BYTES + 1
     if chunk.compression == "zstd":
         import zstandard
@@ -97,8 +100,8 @@ def _unpacked(chunk: Chunk) -> Chunk:
 
 
 class McapReader:
-    """Iterates over the LCM messages of an MCAP file, with the methods of a LogReader. After the
-    iteration, `damage` is a text line about a damaged or incomplete file, or None. Raises
+    """Iterates over the LCM messages of an MCAP file. It has the same methods as a LogReader. After
+    the iteration, `damage` is one text line about a damaged or incomplete file, or None. Raises
     InputError."""
 
     def __init__(self, path: Path) -> None:
@@ -125,8 +128,9 @@ class McapReader:
                     yield channel, record
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
-        """Yields the records of a file. Records in a damaged chunk, and records after a damage
-        outside of a chunk, are left out. Any exception of a decompressing package is a damage."""
+        """Yields the records of a file. The records in a damaged chunk are left out. If the file is
+        damaged outside of a chunk, all later records are left out. A chunk that a package cannot
+        decompress is regarded as damaged."""
         reader = StreamReader(stream, emit_chunks=True, record_size_limit=RECORD_MOST_BYTES)
         records = reader.records
         while True:

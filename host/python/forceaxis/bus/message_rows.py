@@ -1,4 +1,5 @@
-"""Fields of LCM messages as rows of tables, with the unit in the names of columns."""
+"""Converts the fields of LCM messages to rows of tables. The names of the columns contain the
+unit."""
 
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import unit_of
@@ -20,8 +21,8 @@ Row = dict[str, int | float | str | None]
 def message_row(message: Message, wall_us: int) -> Row:
     """Returns the fields of a message as a row of a table.
 
-    Names of columns contain the unit. After the fields, the row contains further objects of the
-    message by name, and texts for fields with numbered states.
+    Names of columns contain the unit. After the fields, the row contains the further objects of the
+    message with their names. The row also contains texts for fields that are numbers of states.
     """
     row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
@@ -54,8 +55,8 @@ def event_word(kind: int) -> str:
 
 
 def state_words(state: axis_state_t) -> dict[str, str]:
-    """Returns state, modes, fault and limit of an axis as texts, with "" for a value that is not
-    available."""
+    """Returns state, modes of operation, fault and active limit of an axis as texts. The text is ""
+    for a value that is not available."""
     texts = {
         "drive_state": (state.statusword, state_names.drive_state),
         "mode_text": (state.mode_display, state_names.mode),

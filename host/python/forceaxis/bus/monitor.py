@@ -40,8 +40,8 @@ REFRESH_PERIOD_S = 0.2
 
 
 class Monitor(App[None]):
-    """The screen for the axes of one source: a panel for each axis at the top, and charts of the
-    selected axis below the panels."""
+    """The screen of the monitor, for the axes of one source of messages. It has a panel for each
+    axis at the top, and charts of the selected axis below the panels."""
 
     TITLE = "Monitor of forceaxis"
     ENABLE_COMMAND_PALETTE = False
@@ -112,7 +112,8 @@ class Monitor(App[None]):
         self.draw_head()
 
     def watch_app_focus(self, focused: bool) -> None:
-        # A page in a browser shows the keys also before the user has clicked the page.
+        # In a browser, the page must show the available keys even before the user has clicked the
+        # page.
         if not focused:
             self.app_focus = True
             self.refresh_bindings()
@@ -217,8 +218,8 @@ class Monitor(App[None]):
         self.draw_chart(now)
 
     def arrange(self, shown: Sequence[int], width: int, room: int) -> None:
-        """Sets the number of columns of the panels and their largest height so that enough text
-        lines remain for the charts."""
+        """Arranges the panels. Sets their number of columns and their largest height so that enough
+        text lines remain for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
         for number in shown:

@@ -1,8 +1,8 @@
-"""Received data of each axis for the monitor: latest state, history for the charts, events,
+"""Received data of each axis that the monitor shows: latest state, history for the charts, events,
 captures, and numbers of lost messages.
 
-The thread of a connection or a replayed log adds the messages, and the monitor reads the data. One
-lock protects all data.
+The thread of a connection, or of a replayed log, adds the messages. The thread of the monitor reads
+the data. One lock protects all data.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ from forceaxis.bus.messages import (
 )
 from forceaxis.results import json_field
 
-# number of states stored for the charts: two minutes at 100 states per second
+# Largest number of states that are stored for the charts: two minutes at 100 states per second.
 HISTORY_STATES = 12_000
 RATE_WINDOW_S = 3.0  # time span in s over which the message rate is computed
 
@@ -39,12 +39,13 @@ COMMAND_KINDS = {
     axis_command_t.KIND_RELEASE: "release the axis",
     axis_command_t.KIND_REPEAT: "send again",
 }
-VOLT_PER_CODE = 20 / 4096  # volts per code of the DAC
+VOLT_PER_CODE = 20 / 4096  # output voltage in V of one DAC code
 T = TypeVar("T")
-# {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)}
-# The units of CiA 303-2 are metre, radian and degree.
+# {code of a unit in CiA 303-2: (displayed unit, number of displayed units in one such unit)} The
+# codes are those of metre, radian and degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
-REPETITION_MARK = " x"  # text in a repeated event before the number of repetitions
+# in the list of events, this text precedes the number of repetitions of an event
+REPETITION_MARK = " x"
 # Kinds of events that the monitor shows as alarms.
 ALARM_EVENTS = {
     axis_event_t.EVENT_REFUSED,
@@ -57,7 +58,7 @@ ALARM_EVENTS = {
 
 
 def known(value: T) -> T | None:
-    """Returns the value of a field of a message, or None if the value is not available."""
+    """Returns the value of a field of a message, or None if the field is NOT_AVAILABLE."""
     return None if value == NOT_AVAILABLE else value
 
 
@@ -66,7 +67,8 @@ class AxisSnapshot:
     """The state of an axis as texts and numbers. None means that a value is not available.
 
     position, target_position and velocity_per_s are in position_unit (mm, deg, user unit or count).
-    silent: the values are the last ones of an axis that no longer sends; age_s is their age.
+    silent: True if the axis no longer sends, so that the values are its last ones. age_s: age of
+    the values in s.
     """
 
     drive_state: str | None
@@ -121,7 +123,8 @@ class ClockSnapshot:
 
 @dataclass(frozen=True)
 class WatchedEvent:
-    """One entry of the list of events. `axis` is None if the event belongs to no axis."""
+    """One entry in the list of events that the monitor shows. `axis` is None if the event belongs
+    to no axis."""
 
     wall_us: int
     axis: int | None
@@ -143,7 +146,7 @@ class Snapshot:
 
 
 def text(value: int, words: Callable[[int], T]) -> T | None:
-    """Returns the result of `words` for a value, or None if the value is not available."""
+    """Returns words(value), usually a text, or None if the value is not available."""
     return None if known(value) is None else words(value)
 
 
@@ -154,8 +157,9 @@ def volt(code: int) -> float:
 
 @dataclass(frozen=True)
 class TraceColumns:
-    """History of one axis as arrays (n,), with NaN for a value that is not available. Times are in
-    s since 1970, forces in the unit of AxisWatch.forces(), positions in encoder counts."""
+    """History of one axis. Each field is an array with one value for each state, and NaN for a
+    value that is not available. Times are in s since 1970, forces in the unit of
+    AxisWatch.forces(), positions in encoder counts."""
 
     time_s: Samples
     force: Samples
@@ -168,8 +172,8 @@ class TraceColumns:
 
 
 class Trace:
-    """Buffer for the last HISTORY_STATES states of an axis. The columns of a row have the order of
-    TraceColumns."""
+    """Buffer for the last HISTORY_STATES states of an axis. A row has the values of one state, in
+    the order of the fields of TraceColumns."""
 
     def __init__(self) -> None:
         columns = len(dataclasses.fields(TraceColumns))
@@ -183,7 +187,7 @@ class Trace:
         self._end += 1
 
     def since(self, time_s: float) -> TraceColumns:
-        """Returns a copy of the states from `time_s` to the present."""
+        """Returns a copy of the stored states from the time `time_s` on."""
         rows = self._rows[max(0, self._end - HISTORY_STATES) : self._end]
         rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
         return TraceColumns(*rows.T)
@@ -200,7 +204,8 @@ class AxisWatch:
         self.trace = Trace()
         self.gaps: dict[str, Gaps] = {}
         self.arrivals: deque[int] = deque(maxlen=1000)
-        # the latest capture: ((run_id, number), samples)
+        # latest capture, as a pair: (run_id of the publisher, number of the capture), and its
+        # samples
         self.capture: tuple[tuple[int, int], Assembly] | None = None
         self.captures = 0
 
@@ -252,7 +257,8 @@ class AxisWatch:
         return dict(zip(state.more_name, state.more_value, strict=True))
 
     def length(self) -> tuple[str, float]:
-        """Returns (unit of lengths, number of these units in one position unit of the axis).
+        """Returns the unit in which the monitor shows lengths, and the number of these units in one
+        position unit of the axis.
 
         Object 60A8h selects the unit. Without 60A8h, the unit is mm if the encoder of a model is
         known, otherwise the encoder count.
@@ -277,8 +283,8 @@ class AxisWatch:
         return demand
 
     def position_target(self) -> int | None:
-        """Returns the demanded position in counts, or None in a mode of operation that controls the
-        force."""
+        """Returns the demanded position in the position unit of the axis, or None in a mode of
+        operation that controls the force."""
         state = self._heard()
         mode = known(state.mode_display)
         if mode in state_names.PROFILE_MODES:
@@ -287,8 +293,8 @@ class AxisWatch:
         return known(state.target_position_cnt) if in_position else None
 
     def age_s(self, now_us: float) -> float | None:
-        """Returns the age of the drive's values in s: the time since reception of the message plus
-        the age that the message states."""
+        """Returns the age in s of the values that the drive has sent. It is the time since the
+        message was received, plus the age that the message states."""
         if self.received_us is None:
             return None
         return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
@@ -301,18 +307,18 @@ class AxisWatch:
         return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
 
     def lost(self) -> int:
-        """Returns the number of lost messages from the gateway of this axis, without lost commands
-        of clients."""
+        """Returns the number of lost messages that the gateway has sent about this axis. Lost
+        commands of clients are not counted."""
         return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def rivals(self) -> bool:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def mismatch(self) -> str | None:
-        """Returns a text with the object tables of the firmware and of this program if the two
-        object tables differ, otherwise None."""
+        """Returns a text with the hashes of both object tables if the firmware has another object
+        table than this program. Returns None if they are equal."""
         theirs = self.state and known(self.state.objects_hash)
-        # A table hash of 0 means that the hash was not read yet.
+        # If the hash of the object table is 0, the gateway has not read it yet.
         if not theirs or theirs == TABLE_HASH:
             return None
         return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
@@ -375,8 +381,8 @@ class AxisWatch:
 
 
 class Watch:
-    """Received data of all axes. `now_us` is the present time, or the time within a replayed log,
-    in us since 1970; ages are relative to `now_us`.
+    """Received data of all axes. `now_us` is the time in us since 1970 from which ages are
+    computed. It is the present time, or the time within a replayed log.
 
     `mm_per_count` is the size of an encoder count for axes without user units.
     """
@@ -437,10 +443,11 @@ class Watch:
                 self._take_capture(self.axis(number), message, wall_us)
 
     def _routine(self, wall_us: int, number: int | None, text: str) -> None:
-        """Adds a command of a client, or the answer to a command, to the list of events.
+        """Adds an entry to the list of events, for a command of a client or for the answer to a
+        command.
 
-        A repeated command, such as the write to `watchdog`, stays one entry with the number of
-        repetitions, so that other events remain visible.
+        A command that a client repeats, such as the write to `watchdog`, has only one entry with
+        the number of repetitions. Other events therefore remain visible.
         """
         for i, event in enumerate(self.events):
             base, _, count = event.text.rpartition(REPETITION_MARK)

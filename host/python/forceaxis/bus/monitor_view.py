@@ -1,4 +1,4 @@
-"""Draws panels of axes, charts and captures as coloured text for the monitor."""
+"""Draws the contents of the monitor as coloured text: panels of the axes, charts, and captures."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from forceaxis.bus.monitor_state import (
     TraceColumns,
 )
 
-# Numbers of text lines in the panel of one axis, including the border.
+# Height of the panel of one axis in text lines, including the border, for three sizes of panels.
 FULL, COMPACT, SLIM = 8, 4, 3
 
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
@@ -42,7 +42,7 @@ def signed(value: float | None, unit: str = "", digits: int | None = None) -> st
 
 def spread(width: int, left: Text, right: Text) -> Text:
     """Returns a text line of `width` characters with the text `left` at the beginning and the text
-    `right` at the end. The function shortens `left` if the text line is too short."""
+    `right` at the end. If the text line is too short for both, `left` is shortened."""
     room = width - left.cell_len - right.cell_len
     if room < 1:
         left = left.copy()
@@ -52,8 +52,8 @@ def spread(width: int, left: Text, right: Text) -> Text:
 
 
 class AxisPanel(Static):
-    """The panel of one axis, which shows state, mode of operation, fault, values and active
-    limit."""
+    """The panel of one axis. It shows drive state, mode of operation, fault, values and active
+    limit of the axis."""
 
     class Chosen(Message):
         """Event: the user has clicked the panel."""
@@ -122,7 +122,7 @@ def fault_text(words: AxisSnapshot) -> Text:
     if fault in (None, "none"):
         if not code:
             return Text("fault -" if fault is None else "no fault", style=QUIET)
-        # an error of the drive profile or of a bus that causes no fault of the axis
+        # This error belongs to the drive profile or to a bus, and causes no fault of the axis.
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 
@@ -155,8 +155,8 @@ def force_value(words: AxisSnapshot, codes: bool) -> str:
 
 
 def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
-    """Returns three texts (name, position, speed), with values in the position unit of the axis or
-    in encoder counts."""
+    """Returns three texts: name of the quantity, position, and speed. The values are in the
+    position unit of the axis, or in encoder counts if `codes` is True."""
     unit = words.position_unit
     if codes or unit == "count":
         speed = signed(words.velocity_cnt_per_s, "count/s")
@@ -167,7 +167,8 @@ def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
 
 
 def command_values(words: AxisSnapshot, codes: bool) -> tuple[str, str]:
-    """Returns (command of the control law, output), as voltages or as DAC codes."""
+    """Returns two texts: command of the control law, and output of the DAC. The values are
+    voltages, or DAC codes if `codes` is True."""
     if codes:
         return signed(words.command_code, "code"), signed(words.dac_code, "code")
     return signed(words.command_V, "V", 3), signed(words.output_V, "V", 3)
@@ -200,8 +201,8 @@ def full(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 def trouble_text(words: AxisSnapshot) -> Text:
-    """Returns a text about the first condition that is present, in the order fault, limit cycle,
-    active limit, contact."""
+    """Returns a text about the most important condition of an axis. The order of importance is
+    fault, limit cycle, active limit, contact."""
     if words.fault not in (None, "none") or words.error_code:
         return fault_text(words)
     if words.limit_cycle:
@@ -212,8 +213,8 @@ def trouble_text(words: AxisSnapshot) -> Text:
 
 
 def numbers(words: AxisSnapshot, codes: bool) -> Text:
-    """Returns force, position and output in one text line. `codes` is True for counts and codes
-    with their names."""
+    """Returns force, position and output in one text line. `codes`: True if values are shown as
+    counts and codes instead of physical units."""
     if codes:
         force = "-" if words.force_cnt is None else f"{words.force_cnt:.2f}"
         return Text.assemble(
@@ -244,7 +245,7 @@ def slim(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 class StripChart(NamedTuple):
-    """A chart over time with two curves on the same scale."""
+    """A chart of the monitor over time. Its two curves have the same scale."""
 
     name: str
     unit: str
@@ -257,8 +258,8 @@ class StripChart(NamedTuple):
 def strip_charts(
     axis: AxisWatch, width: int, height: int, now_us: float, span_s: float, codes: bool = False
 ) -> Text:
-    """Returns charts of force, position and command over the last `span_s` seconds. A terminal with
-    few text lines shows fewer charts."""
+    """Returns charts of force, position and command of the control law over the last `span_s`
+    seconds. If `height` is small, returns fewer charts."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
     time_s = data.time_s - now
@@ -305,7 +306,7 @@ def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChar
 
 
 def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
-    """Interrupts the curve of a chart where several consecutive messages are missing."""
+    """Interrupts the curve of a chart wherever several consecutive messages are missing."""
     if len(time_s) < 3:
         return time_s, values
     steps = np.diff(time_s)
@@ -314,8 +315,8 @@ def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
 
 
 def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
-    """Returns charts of the signals of the latest capture, over the time in ms from the trigger. A
-    terminal with few text lines shows fewer signals."""
+    """Returns charts of the signals of the latest capture, over the time in ms from the trigger. If
+    `height` is small, shows fewer signals."""
     if axis.capture is None:
         return Text("capture: none yet", style=QUIET)
     (_, number), held = axis.capture

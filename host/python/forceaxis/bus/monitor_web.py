@@ -1,7 +1,7 @@
-"""Serves the screen of the monitor to web browsers with the server of Textual.
+"""Serves the screen of the monitor to web browsers. It uses the web server of the library Textual.
 
-Each page runs its own process (`python -m forceaxis.bus.monitor_web`), a monitor that cannot
-record. A page loads nothing from other servers.
+Each page in a browser has its own process (`python -m forceaxis.bus.monitor_web`). This process is
+a monitor that cannot record. A page loads nothing from other servers.
 """
 
 import asyncio
@@ -28,12 +28,14 @@ from forceaxis.bus.sources import AddressError, MonitorSettings
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
-# largest number of pages that are open at the same time; each page has its own process
+# Largest number of pages that can be open at the same time. Each page has its own process.
 PAGES_MAX = 8
-# Longest times in s that a process may need to end after a request, and after a signal.
+# QUIT_S: longest time in s that a process may need to end after a request to end.
+# SIGNAL_S: longest time in s that a process may need to end after a signal.
 QUIT_S, SIGNAL_S = 3.0, 2.0
-SIZE_MAX = 500, 200  # largest width and height in characters; larger screens are cut to it
-PATH_MAX = 255  # longest path of a request in characters
+# largest width and height of a screen in characters; larger values are reduced to these
+SIZE_MAX = 500, 200
+PATH_MAX = 255  # largest number of characters in the path of an HTTP request
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'"
@@ -44,7 +46,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def is_loopback(host: str) -> bool:
-    """Returns True if only this machine can reach the address or name."""
+    """Returns True if the host name or address can only be reached from this machine."""
     if host == "localhost":
         return True
     try:
@@ -54,7 +56,8 @@ def is_loopback(host: str) -> bool:
 
 
 def authority(url: str) -> tuple[str, str]:
-    """Returns (host with port, host) of a URL. Raises HTTPBadRequest for an invalid URL."""
+    """Returns two texts from a URL: the host with its port, and the host alone. Raises
+    HTTPBadRequest for an invalid URL."""
     try:
         parts = urlsplit(url)
         return parts.netloc, parts.hostname or ""
@@ -63,8 +66,8 @@ def authority(url: str) -> tuple[str, str]:
 
 
 def size_of(width: object, height: object) -> tuple[int, int]:
-    """Returns width and height of a screen, limited to 1 to SIZE_MAX. A value that is no integer is
-    replaced by its default."""
+    """Returns width and height of a screen in characters. Each is limited to the range from 1 to
+    SIZE_MAX. A value that is not an integer is replaced by its default value."""
     sides = zip((width, height), (80, 24), SIZE_MAX, strict=True)
     columns, rows = (
         min(max(1, side), most) if isinstance(side, int) else default
@@ -74,8 +77,8 @@ def size_of(width: object, height: object) -> tuple[int, int]:
 
 
 class Screen(AppService):
-    """The process that runs the screen of one HTML page. `stop` returns only after the process has
-    ended, so that at most PAGES_MAX processes run."""
+    """The process that runs the screen of one HTML page. stop() returns only after the process has
+    ended. Otherwise more than PAGES_MAX processes could run."""
 
     async def start(self, width: int, height: int) -> None:
         await super().start(*size_of(width, height))
@@ -84,17 +87,17 @@ class Screen(AppService):
         await super().set_terminal_size(*size_of(width, height))
 
     async def stop(self) -> None:
-        """Asks the process to end, then sends SIGTERM, then SIGKILL. A process that is starting, or
-        that waits for its page to read, ignores the request.
+        """Ends the process. First asks the process to end, then sends SIGTERM, then SIGKILL. A
+        process that is still starting, or whose page does not read, ignores the request to end.
 
-        AppService.stop() is not called: the task for which it waits mistakes the cancellation by a
-        time limit for its own, so the limit has no effect.
+        This method does not call AppService.stop(), because a time limit has no effect on it. The
+        task for which AppService.stop() waits ignores the cancellation by the time limit.
         """
         process, task = self._process, self._task
         if process is None:
             return
         try:
-            # a page may disconnect with any of several exceptions
+            # If the page has disconnected, any of several exceptions is raised.
             with contextlib.suppress(Exception):
                 async with asyncio.timeout(QUIT_S):
                     await self.send_meta({"type": "quit"})
@@ -111,14 +114,14 @@ class Screen(AppService):
 
 
 def kill(process: asyncio.subprocess.Process, number: int) -> None:
-    """Sends a signal to a running process. Process.send_signal() is not used, because it may
-    collect the exit status before asyncio does."""
+    """Sends a signal to a running process. Process.send_signal() is not used, because it may read
+    the exit status of the process before asyncio does."""
     with contextlib.suppress(ProcessLookupError):
         if process.returncode is None:
             os.kill(process.pid, number)
 
 
-# the server offers no other place for this state
+# The server of Textual has no other way to use another class than AppService.
 textual_server.AppService = Screen  # type: ignore[misc]
 
 
@@ -144,8 +147,8 @@ class MonitorServer(textual_server.Server):
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuses a request for an unknown host name that a name server resolves to this machine,
-        and a request from a page of a different web site."""
+        """Refuses two kinds of requests: a request for an unknown host name that a name server
+        resolves to this machine, and a request from a page of another web site."""
         if len(request.raw_path) > PATH_MAX:
             raise web.HTTPRequestURITooLong(text=f"expected at most {PATH_MAX} characters\n")
         _, host = authority(f"//{request.host}")
@@ -155,7 +158,7 @@ class MonitorServer(textual_server.Server):
             raise web.HTTPForbidden(text="expected a page of this server\n")
         try:
             answer = await handler(request)
-        except (OSError, ValueError):  # a path that is invalid in every file system
+        except (OSError, ValueError):  # the path of the request is invalid in every file system
             raise web.HTTPNotFound() from None
         if not answer.prepared:
             answer.headers["Content-Security-Policy"] = f"{POLICY}; connect-src ws://{request.host}"
@@ -217,9 +220,9 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
 
 
 def end_by_signal() -> None:
-    """Ends the process at SIGTERM. A separate thread waits for the signal, because the main thread
-    may be waiting for the page. The screen only receives messages, so no work has to be
-    finished."""
+    """Makes SIGTERM end the process at once. A separate thread waits for the signal, because the
+    main thread may be waiting for the page. The screen only receives messages, so that no work has
+    to be finished."""
     number = signal.sigwait({signal.SIGTERM})
     os._exit(128 + number)
 

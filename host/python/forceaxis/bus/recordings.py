@@ -1,5 +1,5 @@
-"""Recordings of LCM messages, in the format of lcm-logger or as MCAP: read, written, summarised,
-converted."""
+"""Reads, writes, summarises and converts recordings of LCM messages. A recording is a log in the
+format of lcm-logger, or an MCAP file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,13 +12,13 @@ from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.bus.log import LogEntry, LogReader, LogWriter
 from forceaxis.errors import ParameterError, expect_package
 
-LOG, MCAP = ".log", ".mcap"  # suffixes of the two formats
+LOG, MCAP = ".log", ".mcap"  # file name suffixes of the two formats of a recording
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class RecordingReader(Protocol):
     """Iterates over the messages of a recording. After the iteration, `count` is the number of
-    messages, and `damage` describes in one text line what was skipped, or is None."""
+    messages. `damage` is one text line about data that were skipped, or None."""
 
     path: Path
     count: int
@@ -42,12 +42,12 @@ class RecordingWriter(Protocol):
 
 def reader_of(path: Path) -> RecordingReader:
     """Returns a reader of a recording. The first bytes of the file determine the format. Raises
-    InputError, also if a package for MCAP is not installed."""
+    InputError. An MCAP file also raises InputError if a package for MCAP is not installed."""
     try:
         with path.open("rb") as file:
             is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     except OSError:
-        return LogReader(path)  # the error states why the file cannot be read
+        return LogReader(path)  # LogReader raises an error that states why the file cannot be read
     if not is_mcap:
         return LogReader(path)
     expect_package(paths.display(path), "mcap", "mcap", "mcap")
@@ -57,8 +57,9 @@ def reader_of(path: Path) -> RecordingReader:
 
 
 def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
-    """Returns a writer of a new recording, in the format of the suffix of `path`: MCAP for .mcap,
-    else the format of lcm-logger. With a `stream`, the writer writes there. Raises InputError."""
+    """Returns a writer of a new recording. The suffix of `path` selects the format: MCAP for .mcap,
+    otherwise the format of lcm-logger. `stream`: an open file to write to instead of `path`. Raises
+    InputError."""
     if path.suffix != MCAP:
         return LogWriter(path, stream)
     expect_package(paths.display(path), "mcap", "mcap", "mcap")
@@ -68,15 +69,15 @@ def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
 
 
 def expect_suffix(path: Path, parameter: str) -> None:
-    """Raises ParameterError if the suffix of `path` belongs to no format of a recording."""
+    """Raises ParameterError if the suffix of `path` is not that of a recording (.log or .mcap)."""
     if path.suffix not in (LOG, MCAP):
         raise ParameterError(parameter, f"{path}: expected a file ending in {MCAP} or {LOG}")
 
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """Counts and message rate of one channel of a log. The numbers of lost and repeated messages
-    are None for a channel of a different program."""
+    """Numbers of messages and message rate of one channel of a log. The numbers of lost and
+    repeated messages are None for a channel of another program."""
 
     type: str | None
     count: int
@@ -114,7 +115,7 @@ class _ChannelCount:
     gaps: Gaps = field(default_factory=Gaps)
 
     def summary(self) -> ChannelSummary:
-        """Returns the numbers of converted and damaged messages as a result."""
+        """Returns the message counts of the channel as a result."""
         span_s = (self.last_us - self.first_us) / 1e6
         ours = self.type is not None
         return ChannelSummary(
@@ -180,12 +181,12 @@ class Conversion:
     file: Path
     target: Path
     messages: int
-    damage: str | None  # data of a damaged recording that could not be read
+    damage: str | None  # text about data of a damaged recording that could not be read, or None
 
 
 def convert(path: Path, target: Path) -> Conversion:
-    """Writes a recording in the format of the suffix of `target`, complete or not at all. Raises
-    InputError, OSError."""
+    """Converts a recording to the format that the suffix of `target` selects. Writes either the
+    complete file or no file. Raises InputError, OSError."""
     expect_suffix(target, "target")
     reader = reader_of(path)
     with paths.replacing(target.parent, target.name) as (file,), file.open("wb") as stream:

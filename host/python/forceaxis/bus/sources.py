@@ -1,5 +1,5 @@
-"""Sources of messages for a monitor: a live bus, whose messages can be recorded, or the replay of a
-log."""
+"""Sources of messages for the monitor. A source is a live bus, whose messages can be recorded, or
+the replay of a log."""
 
 import threading
 import time
@@ -30,18 +30,18 @@ class Receiver(Protocol):
 
 
 class LiveSource:
-    """Source of messages from a live bus, which passes each message to `watch` in the thread of the
-    connection."""
+    """Source of messages from a live bus. The thread of the connection calls watch.take() for each
+    message."""
 
     replayed = ended = False
 
     def __init__(self, watch: Receiver, url: str | None = None, axis: int | None = None) -> None:
         self.watch, self.url = watch, url or default_url()
         self.writer: RecordingWriter | None = None
-        self.unwritten: str | None = None  # text of the error that ended a recording
+        self.unwritten: str | None = None  # text of the error that has ended a recording, or None
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
-        # LINK_INPUTS and LINK_OUTPUTS are the records of each tick of a run in lock-step.
+        # LINK_INPUTS and LINK_OUTPUTS contain the data of each tick of a run in lock-step.
         kinds = "STATE|EVENT|CAPTURE|COMMAND|LINK_INPUTS|LINK_OUTPUTS"
         channels = f"(AXIS_{which}_({kinds})|SIM_(CLOCK|TRUTH))"
         self._bus = Bus(self.url, self._take, channels)
@@ -62,7 +62,7 @@ class LiveSource:
             if self.writer:
                 try:
                     self.writer.write(channel, data, wall_us)
-                # an error such as a full disk ends only the recording; the monitor continues
+                # An error such as a full disk ends only the recording. The monitor continues.
                 except OSError as error:
                     path, self.writer = self.writer.path, None
                     self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
@@ -91,8 +91,8 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Source of messages from a log, which passes the messages to `watch` at `speed` times the
-    original message rate. If `speed` is None, there is no waiting time between messages."""
+    """Source of messages from a log. The messages are passed to `watch` at `speed` times their
+    original rate. If `speed` is None, there is no waiting time between messages."""
 
     replayed = True
     writer: RecordingWriter | None = None
@@ -134,7 +134,8 @@ class ReplaySource:
         return (self._at_us - self._start_us) / 1e6
 
     def record(self, path: Path) -> None:
-        """Raises InputError, because the messages of a replay already are in a log."""
+        """Raises InputError. The messages of a replay cannot be recorded, because they are already
+        in a log."""
         raise InputError(
             "expected a live bus whose messages can be recorded, got the replay of a log; copy "
             "this log instead"
@@ -180,8 +181,9 @@ Source = LiveSource | ReplaySource
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """What a monitor shows: the axis `axis` (None: all axes) of the LCM bus `url`, or of the log
-    file `replay` at `speed` times its speed."""
+    """Settings of a monitor. `axis`: number of the axis that is shown, or None for all axes. `url`:
+    URL of the LCM bus. `replay`: log file that is shown instead of a live bus, at `speed` times its
+    original speed."""
 
     url: str | None
     axis: int | None
@@ -190,8 +192,7 @@ class MonitorSettings:
     mm_per_count: float | None
 
     def source(self, watch: Receiver) -> Source:
-        """Returns the source of the messages, which passes each message to `watch`. Raises
-        InputError."""
+        """Returns a source that passes each of its messages to `watch`. Raises InputError."""
         if self.replay:
             return ReplaySource(watch, self.replay, self.speed, self.axis)
         return LiveSource(watch, self.url, self.axis)

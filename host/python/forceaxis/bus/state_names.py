@@ -1,4 +1,4 @@
-"""Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code and
+"""Converts numbers that a drive sends to texts: CiA 402 state, mode of operation, EMCY code and
 enumerations."""
 
 from forceaxis.objects import BY_NAME, STATUS_STATES, AxisObject, bits_in
@@ -6,11 +6,11 @@ from forceaxis.objects import BY_NAME, STATUS_STATES, AxisObject, bits_in
 # CiA 402 states of the drive in which the amplifier is switched on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 
-# Names from the object table.
+# {number of a mode of operation: its name in the object table}
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
 }
-# NMT states of a node (CiA 301). The gateway adds -1 for a node that sends no messages.
+# {NMT state of a node by CiA 301: text}. The gateway uses -1 for a node that sends no messages.
 NODE_STATES = {
     0: "booting",
     4: "stopped",
@@ -19,9 +19,10 @@ NODE_STATES = {
     -1: "silent",
 }
 
-STALE_AFTER_S = 1.0  # age in s of the drive's values from which on an axis is regarded as silent
+# an axis is regarded as silent if the values of its drive are older than this time in s
+STALE_AFTER_S = 1.0
 
-# Modes of operation that control a force, a position target, or a position on a profile.
+# Numbers of the modes of operation that control a force, a position, or a position along a profile.
 FORCE_MODES = {-8, -7, -6, -1, 4, 10}
 TARGET_MODES = {-5, 1, 8}
 PROFILE_MODES = {-9, -4, 3, 6, 9}
@@ -39,7 +40,7 @@ def condition(statusword: int, fault: str) -> str:
     """Returns state and fault of a drive as a sentence, such as "the axis is operation enabled
     without a fault" or "the axis has the fault no_contact".
 
-    `fault` is the text of the object `fault`, "none" without a fault.
+    `fault` is the text of the object `fault`. It is "none" if the axis has no fault.
     """
     state = drive_state(statusword)
     if fault == "none":
@@ -50,8 +51,8 @@ def condition(statusword: int, fault: str) -> str:
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
-    """Returns the names of bits 7 and 10 to 14 of a statusword that are 1, in a mode of
-    operation."""
+    """Returns the names of those of the bits 7 and 10 to 14 of a statusword that are 1. The meaning
+    of some bits depends on the mode of operation."""
     bits = bits_in("statusword", statusword, mode)
     return [bit.text for bit in bits if bit.bit == 7 or bit.bit >= 10]
 
@@ -66,8 +67,9 @@ def node_state(number: int) -> str:
 
 
 def is_silent(nmt_state: int, age_s: float) -> bool:
-    """Returns True if the node is silent or stopped by NMT, or if the drive's values are older than
-    STALE_AFTER_S. A gateway goes on publishing the last values of such an axis."""
+    """Returns True if an axis no longer sends new values. This is so if its node is silent, if NMT
+    has stopped the node, or if the values of the drive are older than STALE_AFTER_S. The gateway
+    goes on publishing the last values of such an axis."""
     return node_state(nmt_state) in ("silent", "stopped") or age_s > STALE_AFTER_S
 
 

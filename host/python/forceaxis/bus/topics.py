@@ -1,15 +1,16 @@
-"""Messages of an LCM bus as topics for other programs: MCAP files and viewers such as Foxglove.
+"""Converts messages of an LCM bus to topics. Topics are the form of messages in MCAP files and in
+viewers such as Foxglove.
 
 Each LCM channel becomes two topics:
 
     /lcm/AXIS_1_STATE   the bytes of the messages, with the type in the language of LCM
     /axis_1/state       the same as JSON, with a JSON schema that names the unit of each number
 
-The samples of a block (SIM_TRUTH, AXIS_n_CAPTURE) become one JSON message each, with the tick and
-the time of the sample. Names of fields contain the unit as those of exported tables; a
-point in the name of a signal separates nested objects, so "sensor.force_N" is {"sensor":
-{"force_N": 1}}. A number that is not available has no field. The nested schema has the key "unit"
-beside "type".
+Each sample in a block of samples (SIM_TRUTH, AXIS_n_CAPTURE) becomes one JSON message, with the
+tick and the time of the sample. The names of fields contain the unit, as in exported tables. A
+point in the name of a signal separates nested objects: "sensor.force_N" becomes {"sensor":
+{"force_N": 1}}. A number that is not available has no field. In the JSON schema, each number has
+the key "unit" in addition to "type".
 """
 
 import json
@@ -31,7 +32,7 @@ RAW = "/lcm/"  # prefix of the names of topics with the bytes of LCM messages
 LCM, JSON, JSON_SCHEMA = "lcm", "json", "jsonschema"  # encodings, named as in the MCAP registry
 NS_PER_US = 1000
 NS_PER_S = 1_000_000_000
-# Units of fields by the end of their names.
+# {end of the name of a field: unit of the field}
 UNIT_ENDINGS = {
     "_mm_per_s": "mm/s",
     "_deg_per_s": "deg/s",
@@ -67,7 +68,7 @@ Fields = dict[str, Any]
 
 
 class Topic(NamedTuple):
-    """A topic with the schema of its messages. The schema is empty for messages of another
+    """A topic, and the schema of its messages. The schema is empty for messages of another
     program."""
 
     name: str
@@ -95,7 +96,7 @@ def topic_name(channel: str) -> str:
 
 
 def raw_topic(channel: str, data: bytes) -> Topic:
-    """Returns the topic that passes the messages of an LCM channel as bytes."""
+    """Returns the topic that contains the messages of an LCM channel as bytes."""
     carried = type_of(channel, data)
     if carried is None:
         return Topic(RAW + channel, LCM)
@@ -114,16 +115,17 @@ def lcm_text(carried: type[Message]) -> str:
 
 
 def unit_of_field(name: str) -> str:
-    """Returns the unit that the end of the name of a message field states, or "1" without a
-    unit."""
+    """Returns the unit that the name of a message field contains at its end, or "1" if the name
+    contains no unit."""
     if name in FIELD_UNITS:
         return FIELD_UNITS[name]
     return next((unit for end, unit in UNIT_ENDINGS.items() if name.endswith(end)), "1")
 
 
 def nested(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Returns the keys of each name in nested JSON objects: ("sensor", "force_N") for
-    "sensor.force_N". A name is not divided if it begins with another name and a dot."""
+    """Splits the name of each signal into the keys of nested JSON objects. For example,
+    "sensor.force_N" becomes ("sensor", "force_N"). A name is not split if it begins with another
+    name and a dot."""
     known = set(names)
     places = []
     for name in names:
@@ -134,7 +136,8 @@ def nested(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def put(table: Fields, place: Sequence[str], value: object) -> None:
-    """Writes a value into nested JSON objects, at the place that a list of keys states."""
+    """Writes a value into nested JSON objects. `place` has the keys of the objects, from the outer
+    to the inner one."""
     for part in place[:-1]:
         table = table.setdefault(part, {})
     table[place[-1]] = value
@@ -142,7 +145,7 @@ def put(table: Fields, place: Sequence[str], value: object) -> None:
 
 def json_schema(title: str, units: Mapping[str, str | None]) -> bytes:
     """Returns the JSON schema of an object. `units`: {name of a field: unit of its number, or None
-    for a text}. The names are nested as in the messages."""
+    for a text}. Names with dots become nested objects, as in the messages."""
     properties: Fields = {}
     for place, unit in zip(nested(list(units)), units.values(), strict=True):
         at = properties
@@ -160,7 +163,8 @@ def json_schema(title: str, units: Mapping[str, str | None]) -> bytes:
 
 
 def engineering_row(axis: AxisWatch, state: axis_state_t, wall_us: int) -> dict[str, float | None]:
-    """Returns forces in N, lengths in the unit that the monitor shows, and voltages of a state."""
+    """Returns values of a state of an axis: forces in N, lengths in the unit that the monitor
+    shows, and voltages in V."""
     axis.take_state(state, wall_us)
     shown = axis.words(wall_us)
     assert shown is not None  # take_state() has set a state
@@ -182,16 +186,17 @@ def engineering_row(axis: AxisWatch, state: axis_state_t, wall_us: int) -> dict[
 
 @dataclass
 class SampleTimes:
-    """Times of the samples of one channel in ns since 1970. The last sample of a block has the time
-    at which the block was received; its first sample is later than the block before. So the times
-    increase at any speed of a simulation."""
+    """Computes times, in ns since 1970, for the samples of one channel. The last sample of a block
+    has the time at which the block was received. The first sample of a block is later than the
+    previous block. The times therefore increase at any speed of a simulation."""
 
     last_tick: int | None = None
     last_ns: int = 0
 
     def of(self, ticks: range, received_ns: int) -> list[int]:
-        """Returns the times of the samples of a block, with one tick for each."""
-        if self.last_tick is None or ticks[0] <= self.last_tick:  # another run or capture
+        """Returns the time of each sample of a block. `ticks` has the tick of each sample."""
+        # the block belongs to another run or to another capture
+        if self.last_tick is None or ticks[0] <= self.last_tick:
             span_ns = (ticks[-1] - ticks[0] + ticks.step) * NS_PER_S // TICKS_PER_SECOND
             self.last_ns = max(self.last_ns, received_ns - span_ns)
             self.last_tick = ticks[0] - ticks.step
@@ -214,8 +219,9 @@ class Topics:
         self._rows: dict[str, tuple[dict[str, str | None], Topic]] = {}
 
     def of(self, channel: str, data: bytes, wall_us: int) -> Iterator[TopicMessage]:
-        """Yields the topic messages for one LCM message: one with its bytes, and one with its
-        values unless the message is damaged, unknown or a duplicate."""
+        """Yields the topic messages for one LCM message: one message with its bytes, and messages
+        with its values in JSON. There is no JSON if the LCM message is damaged, unknown or a
+        duplicate."""
         time_ns = wall_us * NS_PER_US
         raw = self._raw.setdefault((channel, data[:8]), raw_topic(channel, data))
         yield TopicMessage(raw, time_ns, data)
@@ -254,7 +260,7 @@ class Topics:
     def _sampled(
         self, channel: str, block: sim_truth_t | axis_capture_t, time_ns: int
     ) -> Iterator[TopicMessage]:
-        """Yields a message for each sample of a block."""
+        """Yields a topic message in JSON for each sample of a block."""
         if not block.num_samples or not fits(*_ticks_of(block)):
             return
         first, count, decimation = _ticks_of(block)
@@ -271,8 +277,8 @@ class Topics:
     def _sample_topic(
         self, channel: str, block: sim_truth_t | axis_capture_t
     ) -> tuple[Topic, list[tuple[str, ...]]]:
-        """Returns the JSON topic of the samples of a block, and the place of each signal in a
-        message."""
+        """Returns the JSON topic of the samples of a block, and for each signal the keys of its
+        nested JSON objects."""
         signals = list(block.signal)
         known = self._samples.get(channel)
         if known is None or known[0] != signals:
@@ -292,8 +298,8 @@ class Topics:
 
 
 def _ticks_of(block: sim_truth_t | axis_capture_t) -> tuple[int, int, int]:
-    """Returns (first tick, number of samples, ticks between two samples) of a block. If a capture
-    has no tick, the sample at the trigger has tick 0."""
+    """Returns three numbers of a block: its first tick, its number of samples, and the number of
+    ticks between two samples. If a capture states no tick, the sample at the trigger has tick 0."""
     decimation = max(1, block.decimation)
     if isinstance(block, axis_capture_t) and block.first_tick == NOT_AVAILABLE:
         first = (block.first_sample - block.trigger_sample) * decimation
@@ -302,7 +308,7 @@ def _ticks_of(block: sim_truth_t | axis_capture_t) -> tuple[int, int, int]:
 
 
 def _json(row: Mapping[str, object]) -> bytes:
-    """Returns an object as JSON without the values that JSON cannot express."""
+    """Returns a JSON object as bytes. Fields whose values JSON cannot express are left out."""
     try:
         if None not in row.values():
             return json.dumps(row, allow_nan=False).encode()
@@ -312,7 +318,7 @@ def _json(row: Mapping[str, object]) -> bytes:
 
 
 def _finite(row: Mapping[str, Any]) -> Fields:
-    """Returns an object without the fields that are None, nan or infinite."""
+    """Returns a JSON object without the fields that are None, nan or infinite."""
     found: Fields = {}
     for name, value in row.items():
         if isinstance(value, dict):

@@ -1,8 +1,8 @@
 """Checks that bytes are a complete message of an LCM type, before the generated code decodes the
 bytes.
 
-The generated code does not check counts. A few bytes that announce 2^31 empty rows would fill the
-memory, and a truncated string would be decoded as a shorter string.
+The generated code does not check the counts in a message. A short message that announces 2^31 empty
+rows would fill the memory. A truncated string would be decoded as a shorter string.
 """
 
 import functools
@@ -16,7 +16,7 @@ _SIZES = {
 
 
 class Message(Protocol):
-    """The interface of the generated message types: functions and fields that each of them has."""
+    """The functions and fields that all generated message types have."""
 
     __slots__: ClassVar[list[str]]
     __typenames__: list[str]
@@ -37,10 +37,10 @@ class Message(Protocol):
         """Encodes the message."""
 
 
-# One step of reading a message has one of three forms.
-# Fields without a count: their size in bytes.
-# A count: (name of the count, size of the count in bytes).
-# An array: (names of the counts, size of an element in bytes); the size is 0 for strings.
+# A Step is one step of reading a message. It has one of three forms.
+# An integer is the size in bytes of fields without a count.
+# A pair (name of the count, size of the count in bytes) is a count.
+# A pair (names of the counts, size of an element in bytes) is an array. The size is 0 for strings.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 
@@ -70,8 +70,8 @@ def _plan(message_type: type[Message]) -> list[Step]:
 
 
 class _Reader:
-    """Reads a message from the position `at`. The methods raise Torn if they would read beyond the
-    last byte."""
+    """Reads the bytes of a message one after another. `at` is the present position. A method raises
+    Torn if it would read beyond the last byte."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -113,7 +113,8 @@ def expect_whole(message_type: type[Message], data: bytes) -> None:
             continue
         elements = math.prod(counts[dimension] for dimension in what)
         if elements == 0 and any(counts[dimension] for dimension in what[:1]):
-            raise Torn("rows of nothing")  # array rows without bytes would cost time and memory
+            # array rows without bytes are refused, because they would cost time and memory
+            raise Torn("rows of nothing")
         if size:
             reader.skip(elements * size)
             continue

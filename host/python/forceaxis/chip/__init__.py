@@ -1,1 +1,1 @@
-"""Reads images of the firmware, writes images to chips, and runs images on an emulator."""
+"""Reads image files of the firmware, writes them to chips, and runs them on an emulator."""

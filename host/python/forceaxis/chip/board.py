@@ -1,41 +1,49 @@
-"""The description of a board, read from board.toml in the folder of the board: how the firmware
-image of the board is built, measured, emulated and flashed.
+"""Reads the description of a board. The file board.toml in the folder of the board states how its
+firmware image is built, measured, emulated and flashed.
 
-Paths in board.toml are relative to this folder; a source that is not there is sought below
-firmware/port, so that a board elsewhere uses the parts that boards share.
+Paths in board.toml are relative to its folder. A source file that does not exist there is searched
+below firmware/port, where several boards have common source files.
 
-    name            of the link pil-NAME
-    image           of the files build/image/IMAGE.{elf,hex,bin}
-    [build]         compiler: prefix of its tools, the system package it comes in, flags of the
-                    processor; linker script; sources of every image
-    [released]      optional. Identity (firmware/port/identity.h) and sources of the image that is
-                    flashed; a board without this image exists only in an emulator
-    [memory]        [address, bytes] of flash, stored parameters and RAM; bytes of each sector
-    [slots]         optional. Addresses and bytes of two slots of the flash for an image, and the
-                    loader that chooses one of them: linker script, and sources of every loader, of
-                    the released one and of the one for the emulator
-    [limits]        of the released image, and of one interrupt of the tick in instructions; where
-                    there is no such image, none
-    [stack]         for tools/image_report, which explains it; likewise
-    [emulator]      optional. Identity and sources of the image for it; QEMU's program, the
-                    system package it comes in, machine, options of a run in lock-step, such as its
-                    clock; what each of its serial lines is: "", "modbus", or "can" (frames in
-                    records)
-    [probe]         optional. openocd's configuration, name of the probe, pattern of its
-                    version as openocd prints it; the chip, its 12-bit identifier and where that is.
-                    [probe.options], optional: what a flashing also sets, and reads back, as
-                    `settings`: [address, mask, value], registers whose bits `mask` become `value`.
-                    `writing`, also [address, mask, value], ends the write protection before the
-                    image is written. They are opened by `keys`, with `start` and `lock` bits of the
-                    first of these registers, ready when the bits `busy` of another one are 0.
-                    Optional: keys that are written first, to open the flash; another register with
-                    the bits `start` and `lock`; its bit `load`, which makes the values effective
-                    and resets the chip
-    [registers]     optional. For tools/check_svd: header, PyPI package or crate and devices of the
-                    vendor's files, peripherals that they lack, names that differ, fields that
-                    the files lack though the manual has them, and those of which both differ
+    name            name of the board; the link to its emulator is called pil-NAME
+    image           base name of the image files build/image/IMAGE.{elf,hex,bin}
+    [build]         prefix of the names of the compiler's programs, the system package that contains
+                    them, compiler flags of the processor, linker script, and the source files of
+                    every image
+    [released]      optional. The image that is flashed: its identity (firmware/port/identity.h) and
+                    its additional source files. Without it, the board exists only in an emulator
+    [memory]        [address, number of bytes] of flash memory, parameter store and RAM; number of
+                    bytes of each flash sector
+    [slots]         optional. The two slots of the flash memory for firmware images: addresses and
+                    number of bytes. The loader, which selects a slot: its linker script, and the
+                    source files of every loader, of the released one, and of the one for the
+                    emulator
+    [limits]        limits of the released image, and largest number of instructions in one tick
+                    interrupt; missing if the board has no released image
+    [stack]         values for tools/image_report, which explains them; missing if the board has no
+                    released image
+    [emulator]      optional. The image for the emulator QEMU: its identity and its source files.
+                    QEMU: its program, the system package that contains it, the machine, options of
+                    a run in lock-step, and the meaning of each serial line of the machine: "",
+                    "modbus" or "can" (each CAN frame is a record)
+    [probe]         optional. The debug probe: configuration of openocd, name of the probe, regular
+                    expression for the version of the probe in the output of openocd. The chip: its
+                    name, its 12-bit identifier, and the address of this identifier
+    [probe.options] optional. Registers that flashing also sets and then reads back.
+                    `settings`: items [address, mask, value]; the bits `mask` become `value`.
+                    `writing`: item of the same form that ends the write protection before the image
+                    is written. `keys`: values that unlock these registers. `start`, `lock`: bits of
+                    the first register that start the change and lock the registers. `busy`: bits of
+                    another register that are 0 when the change is complete. Optional: `flash_keys`,
+                    which unlock the flash memory and are written first; another register with the
+                    bits `start` and `lock`; the bit `load` of that register, which makes the new
+                    values effective and resets the chip
+    [registers]     optional. For tools/check_svd: header file; PyPI package or crate of the register
+                    files of the vendor, and its devices; peripherals that these files lack; names
+                    that differ; fields that the files lack although the manual has them; fields
+                    that differ between the files and the manual
 
-Programs of tools/ import this file without the package: only the standard library is used.
+Programs in tools/ import this module without the package forceaxis. Therefore it uses only the
+standard library.
 """
 
 import dataclasses
@@ -52,7 +60,7 @@ if typing.TYPE_CHECKING:
 
     from forceaxis.toml import TomlValue
 
-    # Type of a field, and values that a field can have.
+    # Kind is the type of a field. Field contains all values that a field can have.
     Kind = type | types.GenericAlias | types.UnionType
     Field = str | int | range | list["Field"] | dict[str, "Field"] | DataclassInstance | Path | None
 
@@ -63,9 +71,10 @@ BOARD_FILE = "board.toml"
 
 @dataclass(frozen=True)
 class Build:
-    """The compiler for a board, its options, and the source files of every image."""
+    """The compiler for a board, its options, and the source files that every image of the board
+    contains."""
 
-    tools: str  # prefix of the names of the compiler's programs, such as arm-none-eabi-
+    tools: str  # prefix of the names of the compiler programs, such as arm-none-eabi-
     package: str
     flags: list[str]
     script: str
@@ -83,7 +92,7 @@ class Released:
 
 @dataclass(frozen=True)
 class Memory:
-    """The memories of a chip as address ranges, and the sizes of the flash sectors in bytes."""
+    """The address ranges of the memories of a chip, and the size of each flash sector in bytes."""
 
     flash: range
     sectors: list[int]
@@ -105,7 +114,8 @@ class Slots:
 
 @dataclass(frozen=True)
 class Limits:
-    """The largest instruction counts and memory sizes that are permitted for the released image."""
+    """Limits for the released image: largest number of instructions in one tick interrupt, and
+    names of functions whose calls tools have to know."""
 
     interrupt_instructions: int
     adc_to_dac_instructions: int
@@ -116,8 +126,8 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stack:
-    """Values about the firmware image from which tools/image_report computes the largest depth of
-    the stack."""
+    """Values about the firmware image from which tools/image_report computes the largest stack
+    depth."""
 
     thread: str
     levels: list[list[str]]
@@ -142,7 +152,7 @@ class EmulatedImage:
 @dataclass(frozen=True)
 class ProbeOptions:
     """Bits of chip registers, such as option bytes, that flashing sets and then reads back. Each
-    item of `settings`, and `writing`, is [address, mask, value]."""
+    item of `settings` is a list [address, mask, value]. `writing` is one such list."""
 
     title: str
     settings: list[list[int]]
@@ -175,8 +185,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Registers:
-    """The vendor's register descriptions, and the register names that differ between these
-    descriptions and the firmware."""
+    """The register descriptions of the chip vendor, and the register names in which these
+    descriptions differ from the firmware."""
 
     header: str
     package: str
@@ -215,7 +225,7 @@ class BoardError(ValueError):
 def _read_value(where: str, value: "TomlValue", kind: "Kind") -> "Field":
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
     different type."""
-    # type of an optional table or list that the file contains
+    # The type is that of an optional table or list. In this case the file contains it.
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
@@ -249,8 +259,8 @@ def _table(where: str, value: "TomlValue") -> dict[str, "TomlValue"]:
 
 
 def _read_table(where: str, value: "TomlValue", kind: type[D], given: Mapping[str, "Field"]) -> D:
-    """Returns a table of board.toml as the dataclass `kind`. `given` are values of the fields that
-    are not in the file."""
+    """Returns a table of board.toml as the dataclass `kind`. `given`: {name: value} of the fields
+    that are not in the file."""
     table = _table(where, value)
     fields = dict(given)
     kinds: dict[str, Kind] = {
@@ -289,20 +299,20 @@ def read(folder: Path | str) -> Board:
 
 
 def source(ports: Path, folder: Path, name: str) -> Path:
-    """Returns the path of a source that the board in `folder` names. `ports` is the folder with the
-    parts that boards share."""
+    """Returns the path of a source file that board.toml in `folder` names. `ports` is the folder
+    with the source files that several boards use."""
     path = folder / name
     return path if path.is_file() else ports / name
 
 
 def shared_objects(out: Path, build: Build) -> Path:
-    """Returns the folder, below the folder `out` of images, with the object files that all boards
-    with the same compiler and processor share."""
+    """Returns the folder for object files that are the same for all boards with the same compiler
+    and processor. It is below `out`, the folder of the images."""
     return out / "objects" / re.sub(r"[^\w+.=-]+", "_", "_".join([build.tools, *build.flags]))
 
 
 def folders(ports: Path) -> list[Path]:
-    """Returns the folders of all boards. `ports` is the folder of these folders."""
+    """Returns the folders of all boards, which are subfolders of `ports`."""
     return sorted(path.parent for path in ports.glob(f"*/{BOARD_FILE}"))
 
 

@@ -1,7 +1,8 @@
-"""Runs the image of a board on QEMU, an emulator. Two pipes connect the emulated chip to the plant.
+"""Runs the firmware image of a board on the emulator QEMU. Two pipes connect the emulated chip to
+the plant.
 
-Only code for peripherals that the emulator lacks is replaced: start-up, interrupt and firmware are
-those of the image that is flashed.
+Only the code for peripherals that the emulator does not have is replaced. Start-up code, interrupts
+and firmware are the same as in the image that is flashed.
 """
 
 import contextlib
@@ -20,19 +21,19 @@ LINK_PREFIX = "pil-"  # pil: "processor in the loop"
 
 
 def links() -> tuple[str, ...]:
-    """Returns the names of the links to the boards that have an emulator."""
+    """Returns the link names, such as "pil-NAME", of all boards that have an emulator."""
     return tuple(LINK_PREFIX + board.name for board in boards.known(paths.PORTS) if board.emulator)
 
 
 def board_of(link: str) -> boards.Board:
-    """Returns the board to which a link name such as "pil-NAME" belongs."""
+    """Returns the board to which a link name such as "pil-NAME" refers."""
     (board,) = [b for b in boards.known(paths.PORTS) if b.emulator and LINK_PREFIX + b.name == link]
     return board
 
 
 def emulated_image(board: boards.Board) -> boards.EmulatedImage:
-    """Returns the image of a board for its emulator. Raises InputError if the board has no
-    emulator."""
+    """Returns the description of the emulator image of a board. Raises InputError if the board has
+    no emulator."""
     if board.emulator is None:
         raise InputError(
             f"{board.name}: expected a board with an emulator, got a board without an emulator; "
@@ -48,12 +49,12 @@ def command(
     arguments: Iterable[str | Path] = (),
     **lines: str,
 ) -> list[str]:
-    """Returns the command line that starts the emulator with an image. `arguments` is the command
-    line for the program in the image.
+    """Returns the command line that starts the emulator with an image. `options` are options for
+    QEMU. `arguments` are the command line arguments for the program in the image.
 
-    lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
-    chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
-    Raises InputError if the program or the image is missing.
+    lines: options of QEMU for the serial lines `modbus` and `can`. QEMU has no chip with CAN, so
+    the line `can` transmits each CAN frame as a record: {identifier u16, length u8, remote u8, data
+    8 bytes}. Raises InputError if the program or the image is missing.
     """
     emulator = emulated_image(board)
     if not image.is_file():
@@ -78,10 +79,11 @@ def command(
 
 
 class Emulator:
-    """An emulated board at power-up with an image that tools/image has built.
+    """An emulated board, which starts with power-up. tools/image must have built its image.
 
-    The emulator counts instructions instead of time, so equal runs have equal results. `pipes` are
-    file descriptors to and from the board. Raises the errors of command().
+    The clock of the emulator counts instructions, so that equal runs have equal results. `pipes`
+    are two file descriptors, for data to the board and from the board. Raises the errors of
+    command().
     """
 
     def __init__(self, board: boards.Board) -> None:
@@ -101,8 +103,8 @@ class Emulator:
             raise
         for name in names:
             os.mkfifo(name)
-        # With O_RDWR and O_NONBLOCK, opening a pipe does not wait for the other program.
-        # A pipe that the other program closes causes no error.
+        # With O_RDWR or O_NONBLOCK, os.open() does not wait until the other program opens the pipe.
+        # It also causes no error if the other program closes the pipe.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)

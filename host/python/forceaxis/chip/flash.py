@@ -1,5 +1,5 @@
-"""Checks an image of the firmware and writes the image to a board with the program openocd, which
-then verifies the flash memory."""
+"""Checks an image of the firmware and writes it to a board with the program openocd. openocd then
+verifies the flash memory."""
 
 import re
 import shutil
@@ -17,7 +17,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import json_field
 
 OPENOCD_TIMEOUT_S = 120
-# Regular expressions for error lines of openocd, each with the message for the user.
+# Pairs of a regular expression for the output of openocd and a message for the user.
 # The first expression that matches the output selects the message.
 FAILURES = (
     (
@@ -50,8 +50,8 @@ class FlashError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """The plan of writing an image to a board: image, overwritten flash sectors, and whether the
-    parameter store is kept."""
+    """Describes how an image will be written to a board: the image, the flash sectors that are
+    overwritten, and whether the parameter store is kept."""
 
     board: boards.Board
     probe: boards.Probe
@@ -93,8 +93,8 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
 def plan(
     path: Path, address: int | None = None, erase_parameters: bool = False, serial: str = ""
 ) -> Plan:
-    """Returns the plan of writing a file to a board. Raises InputError if the file is not an image
-    for the chip of the board."""
+    """Returns the plan for writing an image file to its board. Raises InputError if the file is not
+    an image for the chip of the board."""
     image = images.load(path, address)
     identity = images.identity(image)
     board, probe = board_of(image, identity)
@@ -132,7 +132,8 @@ def plan(
             f"expected this option, because {path} overwrites the flash memory of the stored "
             f"parameters, {span(parameters)}{hint}",
         )
-    # Between braces, the language Tcl of openocd gives no character a special meaning.
+    # openocd reads the path in the language Tcl, between braces.
+    # Only these characters have a special meaning there.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(
             "expected a file name without the characters { } \\ and without control characters, "
@@ -153,8 +154,8 @@ def plan(
 
 
 def expect_trailer(image: images.Image, board: boards.Board) -> None:
-    """Raises InputError for an image that the loader of a board with slots would not start: it has
-    no trailer in the first slot."""
+    """Raises InputError if the board has slots and its loader would not start the image, because
+    the image has no trailer in the first slot."""
     slots = board.slots
     if slots is None:
         return
@@ -186,7 +187,7 @@ def span(addresses: range) -> str:
 
 @dataclass(frozen=True)
 class FlashSummary:
-    """The result of writing an image. `probe` and `chip` are present only after an
+    """The result of writing an image, or the plan for it. `probe` and `chip` are None before the
     image was written."""
 
     version: str
@@ -204,8 +205,8 @@ class FlashSummary:
 
 
 def summary(plan: Plan, probe: str | None = None, chip: str | None = None) -> FlashSummary:
-    """Returns the plan as a result. `probe` and `chip` are texts about probe and chip after an
-    image was written."""
+    """Returns a summary of a plan. `probe` and `chip`: texts about the debug probe and the chip,
+    after the image was written."""
     return FlashSummary(
         *plan.identity,
         file=plan.image.path,
@@ -237,7 +238,8 @@ def command(plan: Plan) -> list[str]:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
     if slots:
-        # A newer image in the other slot would be started instead of this one.
+        # Without this step, the loader would start a newer image in the other slot instead of this
+        # image.
         steps.append(f"flash erase_address {slots.addresses[1]:#010x} {slots.bytes:#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     if options:
@@ -251,11 +253,12 @@ def command(plan: Plan) -> list[str]:
 
 
 def options_step(options: boards.ProbeOptions, settings: Sequence[Sequence[int]]) -> str:
-    """Returns the openocd command that sets option bytes, if one of `settings` differs, each
-    [address, mask, value].
+    """Returns the openocd command that sets option bytes if one of them differs. Each item of
+    `settings` is [address, mask, value].
 
     The command writes the keys, the new values and a start bit, and waits until the chip is not
-    busy. Then it locks the registers again, or loads the new values, which resets the chip.
+    busy. Then it locks the registers again. On some chips it loads the new values instead, which
+    resets the chip.
     """
     control = options.control_address or options.settings[0][0]
     opening = [(options.flash_keys_address, key) for key in options.flash_keys or []]
@@ -275,7 +278,7 @@ def options_step(options: boards.ProbeOptions, settings: Sequence[Sequence[int]]
     if options.load is None:
         writes += [f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.lock:#x}}}]"]
     else:
-        # this write may end with an error, because it resets the chip
+        # this write resets the chip, so openocd may report an error, which is ignored
         writes += [f"catch {{mww {control:#x} {options.load:#x}}}", "sleep 100", "reset init"]
     return f"if {{{' || '.join(differs)}}} {{{'; '.join(writes)}}}"
 
@@ -311,7 +314,8 @@ def expect_openocd() -> None:
 
 
 def find_probe(plan: Plan) -> tuple[str, str]:
-    """Returns (probe, chip) as texts, without a change of the chip. Raises FlashError."""
+    """Finds the debug probe and the chip without changing the chip. Returns a text about the probe
+    and a text about the chip. Raises FlashError."""
     probe = plan.probe
     output = run(
         probe,

@@ -1,7 +1,7 @@
-"""Image files of the firmware (.elf, .hex, .bin): the bytes for the flash memory, and the version
-and board that an image contains.
+"""Reads image files of the firmware (.elf, .hex, .bin). An image consists of the bytes for the
+flash memory, and contains an identity with firmware version and name of the board.
 
-The identity is a structure that every port places in flash; firmware/port/identity.h defines it.
+The identity is a structure in the flash memory. firmware/port/identity.h defines this structure.
 """
 
 import re
@@ -14,9 +14,9 @@ from forceaxis.errors import ParameterError
 
 IDENTITY_MAGIC = b"FAXI"
 IDENTITY_STRUCT = struct.Struct("<4sI16s16sI16s")
-# values of the fields e_machine, e_type, p_type of an ELF file
+# Expected values of the fields e_machine, e_type and p_type of an ELF file.
 ARM_MACHINE, LINKED_TYPE, LOADED_SEGMENT = 40, 2, 1
-# largest size of an image file in bytes; a larger file is refused before it is read
+# Largest size of an image file in bytes. A larger file is refused before it is read.
 BYTES_MAX = 16 << 20
 
 
@@ -26,7 +26,7 @@ class Identity(NamedTuple):
 
     version: str
     git: str
-    table_hash: str  # hash of the object table: the first eight digits of objects.OBJECTS_HASH
+    table_hash: str  # hash of the object table, as the first eight digits of objects.OBJECTS_HASH
     board: str
 
 
@@ -48,7 +48,8 @@ class Image(NamedTuple):
     path: Path
     kind: str  # elf, hex or bin
     address: int | None  # start address of a .bin file; None for .elf and .hex files
-    # segments in ascending order of addresses, with gaps between them
+    # Segments in ascending order of their addresses.
+    # Between two segments there are addresses without bytes.
     segments: tuple[Segment, ...]
 
     @property
@@ -95,7 +96,7 @@ def load(path: Path | str, address: int | None = None) -> Image:
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
-        if data.startswith(b"\x7fELF"):  # Without this check, openocd would read the file as ELF.
+        if data.startswith(b"\x7fELF"):  # openocd would read such a .bin file as an ELF file.
             raise InputError(
                 f"{path}: expected a binary image, got an ELF file; rename the file to .elf"
             )
@@ -131,8 +132,8 @@ def read_bin(_path: Path, data: bytes, address: int | None) -> list[Segment]:
 
 
 def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
-    """Returns the bytes of all PT_LOAD entries of an ELF file, which a loader writes to the
-    physical addresses of these entries."""
+    """Returns a segment for each PT_LOAD entry of an ELF file. The address of the segment is the
+    physical address of the entry."""
     if not data.startswith(b"\x7fELF"):
         raise InputError(f"{path}: expected an ELF file")
     try:
@@ -176,13 +177,14 @@ class HexRecord(NamedTuple):
 
 
 DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
-# types of records with a start address; the vector table also contains this address
+# Types of the records that state a start address.
+# They are ignored, because the vector table also contains this address.
 START_RECORDS = (3, 5)
 
 
 def hex_record(where: str, line: bytes) -> HexRecord:
-    """Decodes a text line of an Intel HEX file, which is a record :nnaaaattdd..cc. Raises
-    InputError with a text that begins with `where`."""
+    """Decodes a text line of an Intel HEX file. The line is a record of the form :nnaaaattdd..cc.
+    Raises InputError with a text that begins with `where`."""
     try:
         record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
     except ValueError:
@@ -243,8 +245,8 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # Newer firmware may append fields to the identity, so that the identity is longer.
-            # The magic number may also occur in machine code, where no valid size follows.
+            # The identity of newer firmware may be longer, because fields were appended.
+            # The magic number may also occur in machine code. In that case no valid size follows.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:

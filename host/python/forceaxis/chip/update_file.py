@@ -1,11 +1,12 @@
-"""The update file of a board: the images of the firmware for both slots, each behind its head
-(firmware/app/update_state.h: update_head_t).
+"""Reads and writes the update file of a board. It contains two firmware images, one for each slot.
+Before each image is its head (update_head_t in firmware/app/update_state.h).
 
-The file has 64 bytes {"FAXF", version 1, offset and size of both records, SHA-256 of everything
-behind these 64 bytes}, then two records. A record is a head and an image. An axis takes the record
-for its slot that does not run.
+The file begins with 64 bytes: {"FAXF", version 1, offset and size of both records, SHA-256 of all
+bytes after these 64 bytes}. Two records follow. A record consists of a head and an image. An axis
+receives the record for the slot whose image does not run.
 
-Programs of tools/ import this file without the package: only the standard library is used.
+Programs in tools/ import this module without the package forceaxis. Therefore it uses only the
+standard library.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ FILE_HEAD = struct.Struct("<4sI4I32s8x")
 HEAD = struct.Struct("<4s5I16s16sII")
 HEAD_MAGIC = b"FAXU"
 HEAD_CRC_OFFSET = HEAD.size - 4
-TRAILER = struct.Struct("<16I")  # firmware/storage/slots.h
+TRAILER = struct.Struct("<16I")  # layout of the trailer, as in firmware/storage/slots.h
 TRAILER_MAGIC, BLANK = 0x31544146, 0xFFFFFFFF
 
 
@@ -30,8 +31,8 @@ class UpdateFileError(ValueError):
 
 @dataclass(frozen=True)
 class UpdateRecord:
-    """One image of an update file, and what its head says about it. `table` is the hash of the
-    object table, `address` the begin of the slot for which the image is linked."""
+    """One firmware image of an update file, and the values of its head. `table` is the hash of the
+    object table. `address` is the first address of the slot for which the image is linked."""
 
     address: int
     crc: int
@@ -41,8 +42,8 @@ class UpdateRecord:
     image: bytes
 
     def download(self, replaced_table: int) -> bytes:
-        """Returns the bytes that an axis with the object table `replaced_table` receives: head and
-        firmware image."""
+        """Returns the bytes that an axis receives: head and firmware image. `replaced_table`: hash
+        of the object table that the axis now has."""
         head = HEAD.pack(
             HEAD_MAGIC, self.address, len(self.image), self.crc, self.table, replaced_table,
             self.board.encode(), self.version.encode(), BLANK, 0,
@@ -56,14 +57,14 @@ def record(address: int, image: bytes, table: int, board: str, version: str) -> 
 
 
 def trailer(image: bytes) -> bytes:
-    """Returns the trailer of an image that a debug probe writes. This image is confirmed and has
-    the sequence number 1, as the first image of a chip."""
+    """Returns the trailer for an image that a debug probe writes to the flash memory. With this
+    trailer, the image is confirmed and has the sequence number 1, as the first image of a chip."""
     words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
     return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))
 
 
 def write(records: Sequence[UpdateRecord]) -> bytes:
-    """Returns the bytes of the update file with two records."""
+    """Returns the bytes of an update file that contains two records."""
     parts = [one.download(one.table) for one in records]
     body = b"".join(parts)
     first, second = (len(part) for part in parts)
