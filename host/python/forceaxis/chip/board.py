@@ -37,8 +37,8 @@ below firmware/port, where several boards have common source files.
                     which unlock the flash memory and are written first; another register with the
                     bits `start` and `lock`; the bit `load` of that register, which makes the new
                     values effective and resets the chip
-    [registers]     optional. For tools/check_svd: header file; PyPI package or crate of the register
-                    files of the vendor, and its devices; peripherals that these files lack; names
+    [registers]     optional. For tools/check_svd: header file; PyPI package or crate of the vendor's
+                    register files, and its devices; peripherals that these files lack; names
                     that differ; fields that the files lack although the manual has them; fields
                     that differ between the files and the manual
 
@@ -114,8 +114,8 @@ class Slots:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits for the released image: largest number of instructions in one tick interrupt, and
-    names of functions whose calls tools have to know."""
+    """Limits for the released image: the largest instruction counts and memory sizes that are
+    permitted."""
 
     interrupt_instructions: int
     adc_to_dac_instructions: int

@@ -104,7 +104,7 @@ class Emulator:
         for name in names:
             os.mkfifo(name)
         # With O_RDWR or O_NONBLOCK, os.open() does not wait until the other program opens the pipe.
-        # It also causes no error if the other program closes the pipe.
+        # If the other program closes the pipe, no error occurs either.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)

@@ -1,1 +1,2 @@
-"""Commissioning of an axis: measured responses, fitted model, designed and stored force law."""
+"""Commissioning of an axis: measure its frequency responses, fit a model to them, design a force
+law, and store the force law in the axis."""

@@ -6,14 +6,15 @@ position.
     free = analyzer.free()
     pressed = analyzer.contact(30.0)
 
-In contact the waveform is added to the output of the force law in mode 4. The loop stays closed,
-because an axis with an integrating drive would drift in open loop. Each realisation is another
-noise sequence of one period: the axis settles during the first period and the analyzer records the
-next period. Out of contact the analyzer uses the open-loop excitation mode. It moves the axis back
-to its start position before each realisation and at the end.
+In contact, the excitation is added to the output of the force law in mode 4. The force loop stays
+closed, because an axis with an integrating drive would drift in open loop. The excitation is
+periodic noise. Each realisation is one period of another noise sequence. The axis settles during
+the first period, and the analyzer records the next period. Out of contact, the analyzer uses the
+open-loop excitation mode. It moves the axis back to its start position before each realisation and
+at the end.
 
-The firmware ends the excitation in the tick in which a bound is exceeded. close() disables the axis
-and restores all objects that the analyzer has written.
+The firmware ends the excitation in the tick in which a bound of force or travel is exceeded.
+close() disables the axis and restores all objects that the analyzer has written.
 """
 
 import contextlib
@@ -39,58 +40,61 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.linear.plant_facts import BusFacts
 from forceaxis.objects import BY_NAME
 
-# waveform of the excitation, DAC codes and output signal of a recording, (n,) each
+# Three signals of a recording: waveform of the excitation, DAC codes, and output signal.
 Record = tuple[Samples, Samples, Samples]
 
 SIGNALS_IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 SIGNALS_APART = ("position", "dac_code", "force")
 RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
-# The measured force in contact stays above this share of the bias force.
+# Smallest measured force in contact, divided by the bias force.
 FORCE_MIN_SHARE = 0.5
-# distance of the force bounds from the expected force, as a share of the bias force
+# Distance of the force bounds from the expected force, divided by the bias force.
 FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
-RELEASE_S = 1.0  # time that the axis needs to release the force
+RELEASE_S = 1.0  # time in s in which the axis releases the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
-BIAS_TRIES = 8  # largest number of target_force values that are tried to reach one bias force
+# largest number of values of the object target_force that are tried to reach one bias force
+BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
-# number of realisations from which the distortion of the response is computed
+# Number of realisations from which the distortion of the response is computed.
 DISTORTION_RECORDS = 3
-# Smallest number of changes of the position that have to agree with the bus cycle.
-# The second number of changes shows that the real cycle is no multiple of the stated one.
+# ARRIVALS_MIN: smallest number of changes of the position that must agree with the bus cycle.
+# ARRIVALS_SURE: with so many changes, a multiple of the stated cycle is not accepted.
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
-# Factor by which the amplitude is reduced after a bound was exceeded.
-# Largest number of reductions, first without friction, then with dry friction.
+# Factor by which the amplitude is multiplied after a bound was exceeded, and largest number of
+# these reductions.
+# The next two values apply to an axis without friction, the following two to an axis with dry
+# friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
-FREE_SWING_CNT = 400  # largest range of the position out of contact, peak to peak
+FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
 FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the settling time in contact
-# Ratio of the settling time in the search of the amplitude to the settling time in the measurement.
+# Settling time while the amplitude is searched, divided by the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
-# median relative error of a response over the frequencies at which averaging may end
+# Averaging may end when the median of the relative error over the frequencies is below this value.
 ERROR_ENOUGH = 0.04
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
-# Largest difference of two mean DAC codes at standstill, in standard deviations of one mean.
+# Largest difference of two mean DAC codes at standstill, in standard deviations of a mean DAC code.
 CODE_NOISE = 5.0
 
 
 class FewChanges(Refusal):
-    """Refusal: the position changes too seldom to show the cycle of the bus."""
+    """Refusal: the position changes too rarely, so that the cycle of the bus cannot be seen."""
 
 
 @dataclass(frozen=True)
 class OutputSignal:
-    """The output signal of a frequency response, and the conditions under which the search of the
-    amplitude ends.
+    """The output signal of a frequency response, and the conditions that end the search for the
+    amplitude of the excitation.
 
-    name: of the output in a Measurement; unit: of the output in a message. deviation_max: relative
-    standard deviation of the response, median over the lines, that is small enough. distortion_max:
-    permitted ratio of the difference of realisations to their noise; it is above 1, because the
-    rounding of a slow motion is not white noise. factor_max: largest factor by which the search
-    increases the amplitude.
+    name: name of the output in a Measurement. unit: unit of the output in messages. deviation_max:
+    largest relative standard deviation of the response, as the median over the spectral lines.
+    distortion_max: largest difference between realisations, divided by their noise. This ratio may
+    be above 1, because the rounding errors of a slow motion are not white noise. factor_max:
+    largest factor of one increase of the amplitude in the search.
     """
 
     name: str
@@ -106,8 +110,8 @@ POSITION = OutputSignal("encoder", "encoder counts", 0.02, 6.0, 4.0)
 
 @dataclass(frozen=True)
 class AnalyzedObjects:
-    """The objects of an axis on which a measurement depends. Positions are in encoder counts,
-    forces in 8-bit counts, `force_scale` in uN per count, `rated_force` in mN."""
+    """The objects of an axis on which a measurement depends. Positions are in encoder counts, and
+    forces in 8-bit counts. `force_scale` is in uN per count, `rated_force` in mN."""
 
     adc_bits: int
     force_sign: int
@@ -126,7 +130,8 @@ class AnalyzedObjects:
 
 @dataclass(frozen=True)
 class TouchObjects:
-    """Contact of the axis (1 while in contact), number of contact losses, and DAC code."""
+    """State of the contact. `contact` is 1 while the axis is in contact, and `contact_losses` is
+    the number of contact losses so far."""
 
     contact: int
     contact_losses: int
@@ -150,21 +155,22 @@ class PressedObjects(EnabledObjects):
 
 @dataclass(frozen=True)
 class FreeObjects(PressedObjects):
-    """State of an axis that moves out of contact, and the bound of the DAC code."""
+    """State of an axis that moves out of contact. `limit_reason` is the reason why the axis limits
+    its DAC code."""
 
     limit_reason: str
 
 
 @dataclass(frozen=True)
 class ExcitedObjects(EnabledObjects):
-    """State of an axis and of the excitation that the axis outputs."""
+    """State of an axis, and state of the excitation that it outputs."""
 
     excitation_state: str
 
 
 class Ended(Exception):
-    """Exception: the axis has ended an excitation before the planned end. `reason` is the value of
-    the object `excitation_state`."""
+    """Exception: an excitation has ended before its planned end, or the response is distorted.
+    `reason` is the value of the object `excitation_state`, or "distorted"."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -173,7 +179,7 @@ class Ended(Exception):
 
 class Play(Protocol):
     """Function that records one realisation of the noise. The amplitude is in DAC codes. `settle`
-    is the settling time as a share of the order's `settle_s`."""
+    is the factor by which the settling time `settle_s` of the request is multiplied."""
 
     def __call__(self, amplitude: int, seed: int, settle: float = 1.0) -> Record: ...
 
@@ -182,8 +188,9 @@ class Play(Protocol):
 class Excitation:
     """Settings with which a frequency response is measured.
 
-    `still`: DAC codes and output without an excitation. `swing`: largest range of the output from
-    peak to peak, in N or encoder counts. `seeds`: seed of the noise for each realisation.
+    `play`: function that records one realisation. `still`: DAC codes and output without an
+    excitation. `swing`: largest peak-to-peak range of the output, in N or encoder counts. `seeds`:
+    seed of the noise for each realisation.
     """
 
     play: Play
@@ -194,11 +201,12 @@ class Excitation:
 
 
 class Analyzer:
-    """Measures frequency responses of an axis that is owned and disabled. close() restores the
-    parameters of the axis and disables the axis.
+    """Measures frequency responses of an axis that this program owns and that is disabled. close()
+    disables the axis and restores its parameters.
 
-    model, overrides: the model and its changed parameters for Measurement.predict(); "" without a
-    model. Methods raise Refusal, and NoAnswer and Refused of the connection.
+    model: model file that Measurement.predict() uses, or "" for no model. overrides: parameters of
+    the model that are changed. The methods raise Refusal, and the errors NoAnswer and Refused of
+    the connection.
     """
 
     def __init__(
@@ -210,7 +218,7 @@ class Analyzer:
         self.model, self.overrides = str(model), dict(overrides or {})
         self._before: dict[str, Value] = {}
         self.objects = axis.record(AnalyzedObjects)
-        self.newton = self.objects.force_scale * 1e-6  # N per force count
+        self.newton = self.objects.force_scale * 1e-6  # force in N of one force count
         self.count_per_code = 2.0 ** (8 - self.objects.adc_bits)  # force counts per ADC code
         self.home = self.objects.position
         facts = linear.facts(self.model, self.overrides) if self.model else None
@@ -220,7 +228,7 @@ class Analyzer:
         self.ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
         self.sinc_order = sampling.sinc_order if sampling else 0
         samples = round(TICKS_PER_S / self.order.resolution_hz)
-        # A period of the excitation is a whole number of bus cycles.
+        # The period of the excitation must be a whole number of bus cycles.
         self.samples = samples - samples % self.bus.cycle_ticks
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:
@@ -267,15 +275,16 @@ class Analyzer:
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        # The watchdog of the axis disables an axis that does not answer.
+        # If the axis does not answer, its watchdog disables it.
         with contextlib.suppress(NoAnswer):
             self.close()
 
     def rest(self) -> Rest:
-        """Checks the disabled axis at rest and returns the state of the axis.
+        """Checks that the disabled axis is at rest. Returns its force reading, the noise and the
+        position.
 
-        Raises Refusal if the axis moves or if the tare of the measured force is missing. A motion
-        within the backlash of the gear is permitted, because the motor has no power.
+        Raises Refusal if the axis moves or if the force sensor was not tared. A motion within the
+        backlash of the gear is permitted, because the motor has no power.
         """
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
@@ -300,9 +309,9 @@ class Analyzer:
         return Rest(reading, None if is_at_end else noise_of(raw), int(np.median(place)))
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
-        """Measures the response from the DAC code to the measured force about the force `force_N`.
-        `of_loop` means that only the sensitivity function has to be accurate, so that a smaller
-        amplitude suffices."""
+        """Measures the frequency response from the DAC code to the measured force, while the axis
+        presses with the force `force_N`. `of_loop`: True if only the sensitivity function has to be
+        accurate. A smaller amplitude is then sufficient."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -321,16 +330,17 @@ class Analyzer:
         return level
 
     def release(self) -> None:
-        """Releases the force of an axis in contact. Without this release, the contact spring would
-        push the disabled axis away."""
+        """Lowers the force of an axis in contact to 0. Otherwise the compressed contact would push
+        the axis away when it is disabled."""
         self.set(target_force=0)
         self.wait(RELEASE_S)
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
-        """Sets up an excitation that is added to the output of the force law, and force bounds
-        about `bias_N` at which the axis ends the excitation.
+        """Prepares an excitation that is added to the output of the force law. Also sets an upper
+        and a lower bound of the force around `bias_N`. If a bound is exceeded, the axis ends the
+        excitation.
 
-        `period` is the period of the waveform in ticks; 0 means a waveform without a period.
+        `period`: period of the waveform in ticks. 0 means a waveform that is not periodic.
         """
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
@@ -344,7 +354,8 @@ class Analyzer:
         )  # fmt: skip
 
     def free(self) -> Level:
-        """Measures the response from the DAC code to the encoder position, out of contact."""
+        """Measures the frequency response from the DAC code to the encoder position, out of
+        contact."""
         start = self.axis.integer("position")
         travel = self.order.travel
         self.set(
@@ -371,7 +382,7 @@ class Analyzer:
         return level
 
     def _hold_ticks(self) -> int:
-        """Returns the number of ticks for which the noise keeps one value."""
+        """Returns the number of ticks for which the noise signal keeps each of its values."""
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
     @property
@@ -379,8 +390,8 @@ class Analyzer:
         return REDUCTIONS_MAX_SLIDING if self.order.rubs else REDUCTIONS_MAX
 
     def _measure(self, level: Level, excitation: Excitation) -> None:
-        """Searches the amplitude unless the order states an amplitude, then measures the response
-        and writes the response to `level`."""
+        """Measures a frequency response and writes it to `level`. If the request states no
+        amplitude of the excitation, the amplitude is searched first."""
         if not level.amplitude:
             level.amplitude = self._search(level, excitation)
         for _ in range(self._reductions_max):
@@ -433,8 +444,9 @@ class Analyzer:
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:
-        """Returns the rms rate of change of the output signal that the DAC codes cause, in force
-        counts/s or encoder counts/s. `H` is the response, `u` are the DAC codes (K, n)."""
+        """Returns the rms rate of change of the output signal, in force counts/s or encoder
+        counts/s. Only the changes that the DAC codes cause are included. `H` is the frequency
+        response. `u` has the DAC codes, with one row for each realisation."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * H) ** 2
@@ -442,7 +454,7 @@ class Analyzer:
 
     def _realisations(self, level: Level, excitation: Excitation) -> list[Record]:
         """Records all realisations of the excitation. Raises Ended if the first realisations show
-        distortion, so that the caller reduces the amplitude."""
+        distortion. The caller then reduces the amplitude."""
         play, seeds, output = excitation.play, excitation.seeds, excitation.output
         steps = self._steps(output)
         records = [play(level.amplitude, seed) for seed in seeds[:DISTORTION_RECORDS]]
@@ -452,7 +464,8 @@ class Analyzer:
             f"amplitude {level.amplitude} codes: periods differ by {level.distorted:.3g} times the "
             "noise"
         )
-        # Dry friction distorts a response more at a smaller amplitude.
+        # With dry friction, the distortion is larger at a smaller amplitude, so the amplitude is
+        # not reduced.
         # The variance of the response contains this distortion.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
         if is_distorted and level.amplitude > 1:
@@ -473,10 +486,11 @@ class Analyzer:
         return 1.0, (self.count_per_code if output is FORCE else 1.0)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
-        """Returns the amplitude of the excitation in DAC codes.
+        """Searches the amplitude of the excitation. Returns it in DAC codes.
 
-        The search increases the amplitude within the permitted range of force or position until the
-        output is large enough or the expected relative deviation is small enough.
+        The amplitude is increased until the peak-to-peak output is large enough, or until the
+        expected relative deviation of the response is small enough. It stays within the permitted
+        range of force or position.
         """
         output, swing = excitation.output, excitation.swing
         most = min(self.order.most, self.objects.output_limit)
@@ -501,8 +515,10 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            # An axis that sticks has little noise, so the expected deviation does not show sliding.
-            # With dry friction, the search increases the amplitude up to the bound.
+            # An axis that sticks has little noise.
+            # Its expected deviation is small although it does not slide.
+            # With dry friction, the search therefore increases the amplitude up to the permitted
+            # range.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:
@@ -513,8 +529,8 @@ class Analyzer:
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _reduce(self, level: Level, amplitude: int, ended: Ended) -> int:
-        """Returns a smaller amplitude in DAC codes after the axis has ended an excitation. Raises
-        Refusal after too many reductions."""
+        """Returns a smaller amplitude, in DAC codes, for the next attempt after an excitation has
+        ended early. Raises Refusal after too many reductions."""
         level.aborts.append(Abort(amplitude, ended.reason))
         less = "less" if self.order.rubs else "halved"
         self.say(f"{ended.reason} at {amplitude} codes: {less}")
@@ -529,8 +545,8 @@ class Analyzer:
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
 
     def _force_counts(self, held: Recording) -> Samples:
-        """Returns the signal of the force sensor in force counts, without correction of zero code
-        and sign."""
+        """Returns the signal of the force sensor in force counts. Its zero code and its sign are
+        not corrected."""
         return held.floats("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
@@ -558,9 +574,9 @@ class Analyzer:
         )  # fmt: skip
 
     def _touch(self) -> None:
-        """Waits for the contact, then raises `contact_loss_cap` to the largest DAC code of the
-        approach. With the default cap, a weak force law would lose a light contact repeatedly
-        because of noise."""
+        """Waits for the contact. Then increases `contact_loss_cap` to the largest DAC code of the
+        approach. With its default value, noise would repeatedly end a light contact with a weak
+        force law."""
         fastest = 0
 
         def touches(state: TouchObjects) -> bool:
@@ -577,8 +593,8 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def per_mille(self, force_N: float) -> float:
-        """Returns a force in per mille of the rated force, limited to the largest `target_force`
-        that the axis accepts."""
+        """Converts a force in N to per mille of the rated force. The result is at most the largest
+        `target_force` that the axis accepts."""
         return min(1e6 * force_N / self.objects.rated_force, bounds.most_force(self.axis))
 
     def standing(self, timeout_s: float = 20.0) -> float:
@@ -624,8 +640,8 @@ class Analyzer:
         return held
 
     def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """Records one realisation of the excitation in contact. Returns (waveform in DAC codes, DAC
-        codes, force in force counts), (n,) each."""
+        """Records one realisation of the excitation in contact. Returns three signals: waveform of
+        the excitation in DAC codes, DAC codes, and force in force counts."""
         self.set(excitation_code=amplitude, excitation_seed=seed)
         settle_s = RAMP_S + settle * self.order.settle_s
         over_bus = () if self.bus.is_immediate else ("position",)
@@ -637,11 +653,13 @@ class Analyzer:
         return wave, code, self._force_counts(held)
 
     def _sent(self, code: Samples, places: Samples) -> Samples:
-        """Returns the commands that the drive applies: one DAC code in each bus cycle, late.
+        """Returns the commands that the drive applies at each tick. Over a bus, the drive receives
+        one DAC code in each bus cycle, with a delay.
 
-        code: one period of DAC codes, (n,). places: the positions of the same ticks, which change
-        in the ticks in which the bus brings them. Raises Refusal, and FewChanges if a larger
-        amplitude may show the cycle.
+        code: DAC codes of one period. places: positions of the axis at the same ticks. They change
+        only in ticks in which the bus transmits a position, so they show the bus cycle. Raises
+        Refusal if they show another cycle. Raises FewChanges if there are too few changes, and a
+        larger amplitude may help.
         """
         cycle, late_out, late_in = self.bus
         arrivals = np.flatnonzero(np.diff(places)) + 1
@@ -654,7 +672,7 @@ class Analyzer:
                 f"has it, but {len(arrivals)} changes do not show this cycle: correct cycle_ticks, "
                 "or measure with a larger amplitude",
             )
-        start = int(arrivals[0]) % cycle - late_in  # tick at which a cycle starts
+        start = int(arrivals[0]) % cycle - late_in  # tick at which a bus cycle starts
         ticks = np.arange(len(code)) - late_out - start
         return np.asarray(code[(ticks // cycle * cycle + start) % len(code)])
 
@@ -666,8 +684,8 @@ class Analyzer:
             raise Ended(state.excitation_state)
 
     def wait(self, seconds: float, check: Callable[[], None] | None = None) -> None:
-        """Waits until the clock of the axis has advanced by `seconds`, and calls check() at each
-        read of the clock."""
+        """Waits until the clock of the axis has advanced by `seconds`. Calls check() each time the
+        clock is read."""
         ticks, passed = round(seconds * TICKS_PER_S), 0
         begin = self.axis.integer("tick_count")
         while passed < ticks:
@@ -679,15 +697,15 @@ class Analyzer:
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
         """Records one realisation of the excitation out of contact.
 
-        Returns (DAC codes, DAC codes, position in encoder counts), (n,) each. The function removes
-        the mean motion from period to period (the drift) from the position.
+        Returns three signals: DAC codes, the DAC codes again, and position in encoder counts. The
+        drift, which is the mean motion from period to period, is subtracted from the position.
         """
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self.wait(FREE_SETTLE_SHARE * settle * self.order.settle_s, self._expect_free)
-        # The drift is the mean difference of samples that are one period apart.
+        # The drift is the mean difference of two samples with a distance of one period.
         count = min(n + n // 4, _most_samples(SIGNALS_APART))
         axis.arm(SIGNALS_APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
@@ -718,7 +736,7 @@ class Analyzer:
             self.refuse_contact()
 
     def refuse_contact(self) -> NoReturn:
-        """Disables an axis that has come into contact, and raises Refusal."""
+        """Disables an axis that has unexpectedly come into contact, and raises Refusal."""
         self.axis.disable()
         raise Refusal(
             "contact",
@@ -735,7 +753,7 @@ class Analyzer:
 
 
 def _most_samples(signals: Sequence[str]) -> int:
-    """Returns the largest number of samples that the recorder can store for the given signals."""
+    """Returns the largest number of samples that the recorder can store of these signals."""
     return RECORDER_BYTES // sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
 
 

@@ -2,9 +2,9 @@
 
     with restoring(AxisFolder(axis, "out/tuned", say)):
 
-The file is written before the first object is changed. If the run is killed or loses its
-connection, the file remains. The next run in the same folder then first writes the saved values to
-the axis.
+The file is written before the first object of the axis is changed. If the run is killed or loses
+its connection, the file remains. The next run in the same folder then begins by writing the saved
+values to the axis.
 """
 
 import contextlib
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="Convertible")
 RawValues = dict[str, int]  # {object: raw value}
-Say = Callable[[str], None]  # function that reports an action on the axis with one text line
+Say = Callable[[str], None]  # function that shows one text line about an action on the axis
 
-# value of the object `command_source` while the axis has no owner
+# Raw value of the object `command_source` while the axis has no owner.
 NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
@@ -51,16 +51,16 @@ MEASUREMENT_OBJECTS = (
 
 @dataclass(frozen=True)
 class FolderFile(Generic[T]):
-    """A JSON file of a folder: name, type of the content, and instruction to the user if the file
-    is damaged or missing."""
+    """Describes a JSON file in a folder: its name, the type of its content, and a text that tells
+    the user what to do if the file is damaged or missing."""
 
     name: str
     kind: type[T]
     remedy: str = "delete this file, so that `tune` repeats the step"
 
     def read(self, folder: Path) -> T | None:
-        """Returns the content of the file. Returns None if the file does not exist or contains
-        null. Raises InputError for a damaged file."""
+        """Returns the content of the JSON file. Returns None if the file does not exist or contains
+        the JSON value null. Raises InputError for a damaged file."""
         file = folder / self.name
         if not file.exists():
             return None
@@ -82,7 +82,7 @@ class FolderFile(Generic[T]):
         return content
 
     def write(self, folder: Path, content: T) -> None:
-        """Replaces the complete content of the file."""
+        """Writes the complete content of the JSON file."""
         text = json.dumps(to_json(content), indent=2, allow_nan=False)
         with paths.replacing(folder, self.name) as (file,):
             file.write_text(text + "\n", encoding="utf-8")
@@ -90,8 +90,8 @@ class FolderFile(Generic[T]):
 
 @dataclass(frozen=True)
 class AxisState:
-    """State of an axis before a run. `axis`: raw values of the objects that identify the axis.
-    `values`: raw values of the objects that the run may change."""
+    """Saved objects of an axis before a run. `axis`: raw values of the objects that identify the
+    axis. `values`: raw values of the objects that the run may change."""
 
     axis: RawValues
     values: RawValues
@@ -108,15 +108,15 @@ LEFT_TO_NEXT_RUN = f"the next run restores the previous values of the axis from 
 
 
 def say_nothing(text: str) -> None:
-    """Ignores a text line, for callers that need no report."""
+    """Ignores a text line. Used by callers that do not show actions on the axis."""
 
 
 class AxisFolder:
-    """The JSON files of a folder about an owned and disabled Axis. say(text) reports an action on
-    the axis.
+    """A folder with JSON files about one axis, which this program owns and which is disabled.
+    say(text) shows an action on the axis.
 
-    `coasted` is True if a killed run left the axis enabled, so that the axis has come to rest at a
-    different position.
+    `coasted` is True if a killed run left the axis enabled. Such an axis may have come to rest at
+    another position.
     """
 
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
@@ -125,9 +125,9 @@ class AxisFolder:
 
 
 def read(axis: Axis) -> RawValues:
-    """Returns {object: raw value} of the parameters and of MEASUREMENT_OBJECTS. The consumer
-    heartbeats are not included, because the connection manages these objects. Raises Refused,
-    NoAnswer."""
+    """Reads the parameters of the axis and the MEASUREMENT_OBJECTS. Returns {object: raw value}.
+    The consumer heartbeats are not included, because the connection sets these objects. Raises
+    Refused, NoAnswer."""
     set_up = axis.link.read([name for name in MEASUREMENT_OBJECTS if axis.link.reaches(name)])
     found = parameter_set.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}
@@ -138,9 +138,9 @@ def restoring(folder: AxisFolder) -> Iterator[None]:
     """Context that restores the values of the axis at the end of the block, also after an
     exception.
 
-    The restored values are those at the beginning of the block, or those given to replace_saved().
-    No value is written if the axis does not answer or has another owner. Raises InputError if the
-    file in the folder belongs to another axis.
+    The restored values are those at the beginning of the block. If replace_saved() was called, its
+    values are restored instead. No value is written if the axis does not answer or has another
+    owner. Raises InputError if the file in the folder belongs to another axis.
     """
     _recover(folder)
     new = not folder.folder.exists()
@@ -168,8 +168,8 @@ def replace_saved(folder: AxisFolder, values: RawValues) -> None:
 
 
 def put_back(folder: AxisFolder) -> int:
-    """Disables the axis and restores the values of the file FOUND. Writes only objects whose values
-    differ, and returns the number of written objects. Raises Refused, NoAnswer."""
+    """Disables the axis and restores the saved values (file FOUND). Writes only objects whose
+    values differ. Returns the number of written objects. Raises Refused, NoAnswer."""
     axis, held = folder.axis, FOUND.required(folder.folder).values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):

@@ -1,6 +1,6 @@
-"""Brings a board into operation without a motor. Each step asks a person to do something at the
-board, reads objects of the axis, and checks what was read. The steps are those of the README.md
-of the board, in firmware/port/stm32f4 and firmware/port/stm32g4.
+"""Brings a board into operation without a motor. Each step asks a person for an action at the
+board, reads objects of the axis, and checks their values. The steps are those of the README.md of
+the board, in firmware/port/stm32f4 and firmware/port/stm32g4.
 
     protocol = bring_up(axis, Person(), BringupRequest())
     protocol.passed                     # True if every step passed
@@ -28,32 +28,35 @@ from forceaxis.bus.lcm import TABLE_HASH
 from forceaxis.objects import bits_in, mask
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
-# Longest tick in us that a board may need: 15 % of the tick period.
-# The model of core and flash memory gives 55 us (docs/chip/instructions.md).
+# Longest computing time of a tick in us that is permitted: 15 % of the tick period.
+# The computed time is 55 us, by a model of core and flash memory (docs/chip/instructions.md).
 TICK_TIME_MAX_US = 100
-# Longest delay in us of a tick. The main loop masks the tick for 40 us at most (port/main.c).
+# Longest permitted delay of a tick in us.
+# The main loop disables the tick interrupt for at most 40 us (port/main.c).
 TICK_LATE_MAX_US = 60
-RATE_TOLERANCE = 0.01  # relative deviation of the tick rate from the clock of this computer
+# largest relative difference between the tick rate and the clock of this computer
+RATE_TOLERANCE = 0.01
 RATE_TIME_S = 4.0
-DEVIATION_MAX = 0.06  # relative change of the tick length against the second clock
+# largest relative difference between the tick length and the second clock of the board
+DEVIATION_MAX = 0.06
 SETTLE_S = 2.0  # within this time a board has compared its clocks and joined a CAN bus
 SUPPLY_V, FULL_CODES = 3.3, 4096
 READINGS = 20
-# A reading may differ from the voltmeter by 2 % of the voltage and 20 mV.
+# The voltage that the ADC measures may differ from the voltmeter by 2 % of the voltage plus 20 mV.
 VOLTAGE_SHARE, VOLTAGE_MAX_V = 0.02, 0.02
-# A reading may follow the other input by this share of the change of its voltage.
+# Crosstalk: the voltage at another input changes a reading by at most this fraction of the change.
 CROSSTALK_MAX = 0.01
-TURN_TOLERANCE = 0.05  # of a turn by hand
-# DAC codes of the step "outputs". The first ones find a motor that is still connected.
+TURN_TOLERANCE = 0.05  # relative tolerance of one turn that a person makes by hand
+# DAC codes of the step "outputs". The first, small codes show whether a motor is still connected.
 CODES = (0, 50, -50, 500, 1000, 1700, 2000, -500, -1000, -1700, -2000)
-# Speed in counts/tick that is a fault of the axis during the step "outputs".
-# The second number is the motion in encoder counts that ends the step.
+# SPEED_MAX: speed in counts/tick above which the axis has a fault during the step "outputs".
+# MOTION_MAX: motion in encoder counts that ends this step.
 SPEED_MAX, MOTION_MAX = 1, 3
-CODE_V = 20 / 4096  # volts per code of the +-10 V stage
+CODE_V = 20 / 4096  # voltage in V of one DAC code at the output of the +-10 V stage
 STAGE_MAX_V = 0.1
 
-NOT_COMPARED = mask("board_state", "tick_unknown")  # bit of board_state that is not an error
-# {key of a bit of board_state: what is wrong and what to do}
+NOT_COMPARED = mask("board_state", "tick_unknown")  # this bit of board_state is no error
+# {name of a bit of board_state: text about the error and its remedy}
 OUTPUT_ERRORS = {
     "dac": "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",
     "enable": "the level at PB0 differs from amp_enable: PB0 is shorted, or something drives it",
@@ -70,10 +73,10 @@ BOARD_ERRORS = {
 
 @dataclass(frozen=True)
 class BoardFacts:
-    """Facts about a board that a step of the bring-up needs. `errors`: texts of the bits of
-    board_state that mean something else on each board. `stage_codes`: DAC codes at which the
-    voltage of the stage is asked for. `source_ohm`: largest resistance of a source at an input of
-    the ADC."""
+    """Properties of a board that steps of the bring-up need. `errors`: texts for the bits of
+    board_state whose meaning depends on the board. `stage_codes`: DAC codes at which the person
+    measures the voltage of the +-10 V stage. `source_ohm`: largest resistance in ohm of a voltage
+    source at an input of the ADC."""
 
     errors: dict[str, str]
     openocd_config: str
@@ -81,7 +84,7 @@ class BoardFacts:
     source_ohm: int
 
 
-# By the text of 1009h; a board without an entry is taken for the first one.
+# {text of object 1009h: properties of the board}. An unknown board is treated like the first one.
 BOARDS = {
     "stm32f446": BoardFacts(
         errors={
@@ -106,7 +109,7 @@ BOARDS = {
             "force_converter to adc, save, and reset the board",
         },
         openocd_config="board/st_nucleo_g4.cfg",
-        # The output buffer of the DAC ends at 8.79 V of the stage, code 1799.
+        # The output buffer of the DAC saturates at code 1799, which is 8.79 V at the +-10 V stage.
         stage_codes=(0, 1700, -1700),
         source_ohm=2_000,
     ),
@@ -115,7 +118,7 @@ CONTACTS = {
     mask("digital_inputs", "enable"): ("enable chain (PC0)", True),
     mask("digital_inputs", "limit_positive"): ("positive limit switch (PC1)", False),
     mask("digital_inputs", "limit_negative"): ("negative limit switch (PC2)", False),
-}  # mask of digital_inputs: name, level with a closed contact
+}  # {bit of digital_inputs: (name of the contact, level while the contact is closed)}
 CHANNELS = {"force": ("force_raw", "PA6", "PA7"), "current": ("current_raw", "PA7", "PA6")}
 
 
@@ -123,23 +126,25 @@ class Operator(Protocol):
     """The person at the board."""
 
     def act(self, text: str) -> bool:
-        """Asks for an action and waits for its end. Returns False if the step is to be skipped."""
+        """Asks for an action and waits for its end. Returns False if the person wants to skip the
+        step."""
 
     def number(self, text: str, unit: str) -> float | None:
-        """Asks for a number. Returns None if it is not known."""
+        """Asks the person for a number. Returns None if the person does not know the number."""
 
 
 @dataclass(frozen=True)
 class BringupRequest:
-    """The request for a bring-up: the names of the steps, or () for all steps."""
+    """The request for a bring-up. It contains the names of the steps to do, or () for all steps."""
 
     steps: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
 class BringupStep:
-    """One step: its verdict ("passed", "failed", "skipped"), what was found and, after a failure,
-    what to do, and the values that were read, with their units in their names."""
+    """Result of one step of a bring-up: its verdict ("passed", "failed", "skipped"), a text, and
+    the values that were read. The text states the finding and, after a failure, the remedy. The
+    names of the values contain their units."""
 
     name: str
     verdict: str
@@ -149,8 +154,8 @@ class BringupStep:
 
 @dataclass(frozen=True)
 class BringupProtocol:
-    """The protocol of a board: time (ISO 8601, UTC), connection, name, version and serial number
-    of the device, and the steps that were done."""
+    """The protocol of the bring-up of a board: time (ISO 8601, UTC), connection, device name,
+    version, serial number, and the steps that were done."""
 
     begun: str
     where: str
@@ -168,7 +173,7 @@ class BringupProtocol:
 
 
 class Skipped(Exception):
-    """The person at the board skips a step."""
+    """Exception: the person at the board skips a step."""
 
 
 @dataclass(frozen=True)
@@ -181,24 +186,25 @@ class Bench:
 
     @property
     def facts(self) -> BoardFacts:
-        """Returns the facts about the board, which says its name itself."""
+        """Returns the properties of the board. The name of the board is read from the axis."""
         first = next(iter(BOARDS.values()))
         return BOARDS.get(self.axis.link.text(HARDWARE_INDEX) or "", first)
 
     def act(self, text: str) -> None:
-        """Asks for an action. Raises Skipped."""
+        """Asks the person for an action. Raises Skipped if the person skips the step."""
         if not self.operator.act(text):
             raise Skipped
 
     def number(self, text: str, unit: str) -> float:
-        """Asks for a number that the step needs. Raises Skipped."""
+        """Asks the person for a number that the step needs. Raises Skipped if the person does not
+        know it."""
         found = self.operator.number(text, unit)
         if found is None:
             raise Skipped
         return found
 
     def board_state(self) -> int:
-        """Returns the bits of board_state after the board has compared its clocks."""
+        """Returns the object board_state. Waits before until the board has compared its clocks."""
         for _ in self.axis.link.polls(SETTLE_S):
             state = self.axis.integer("board_state")
             if not state & NOT_COMPARED:
@@ -215,23 +221,24 @@ class Bench:
 
 
 def passed(text: str, **values: float) -> BringupStep:
-    """Returns a step that has passed. step_of() adds its name."""
+    """Returns the result of a step that has passed. step_of() adds the name of the step."""
     return BringupStep("", PASSED, text, values)
 
 
 def failed(text: str, **values: float) -> BringupStep:
-    """Returns a step that has failed. step_of() adds its name."""
+    """Returns the result of a step that has failed. step_of() adds the name of the step."""
     return BringupStep("", FAILED, text, values)
 
 
 def errors_of(state: int, known: dict[str, str]) -> str:
-    """Returns the texts of the errors in a board state, or an empty text."""
+    """Returns a text about the errors in a value of board_state, or an empty text if there are
+    none."""
     bits = bits_in("board_state", state)
     return "; ".join(known[bit.key] for bit in bits if bit.key in known)
 
 
 def causes_of(reset_cause: int) -> str:
-    """Returns the names of the causes of a reset."""
+    """Returns the names of the causes of the last reset, as text."""
     bits = bits_in("reset_cause", reset_cause)
     return ", ".join(bit.text for bit in bits) or "not known"
 
@@ -315,8 +322,8 @@ def check_tick(bench: Bench) -> BringupStep:
 
 
 def error_at(axis: Axis, code: int, position: int) -> str:
-    """Outputs a DAC code for 0.1 s, with the axis enabled. Returns the errors of the outputs, or
-    an empty text. `position`: that of the axis at rest, in encoder counts."""
+    """Enables the axis and outputs a DAC code for 0.1 s. Returns a text about the errors of the
+    outputs, or an empty text. `position`: position of the axis at rest, in encoder counts."""
     refusal = ""
     try:
         if code == 0:
@@ -333,7 +340,8 @@ def error_at(axis: Axis, code: int, position: int) -> str:
 
 
 def check_outputs(bench: Bench) -> BringupStep:
-    """Outputs DAC codes with the amplifier enabled, and lets the board read back PA4 and PB0."""
+    """Outputs DAC codes with the amplifier enabled. The board itself reads back the pins PA4 and
+    PB0."""
     axis = bench.axis
     bench.act(
         "Disconnect the motor and the amplifier. Close the enable chain and both limit contacts. "
@@ -344,7 +352,7 @@ def check_outputs(bench: Bench) -> BringupStep:
     if found:
         return failed(f"{found} (while the axis is disabled)")
     axis.reset_fault()
-    # The first motion test would wait for a motion, so it is off; speed_max bounds the speed.
+    # The first motion test is off, because it would wait for a motion. speed_max limits the speed.
     before = axis.get("first_motion_test", "speed_max")
     axis.set(first_motion_test="off", speed_max=SPEED_MAX)
     position = axis.integer("position")
@@ -373,8 +381,9 @@ def check_outputs(bench: Bench) -> BringupStep:
 
 
 def check_channel(bench: Bench, channel: str) -> BringupStep:
-    """Compares an input of the ADC with a voltmeter. Then checks that its reading does not change
-    when the other input, which the ADC converts before it, gets another voltage."""
+    """Compares an input of the ADC with a voltmeter. The ADC converts the other input just before
+    this one. Therefore the function then checks that the reading does not change with the voltage
+    at the other input."""
     axis = bench.axis
     name, pin, other = CHANNELS[channel]
     bits = axis.integer("adc_bits")
@@ -420,7 +429,7 @@ def check_current(bench: Bench) -> BringupStep:
 
 
 def check_encoder(bench: Bench) -> BringupStep:
-    """Counts a turn by hand."""
+    """Compares the encoder counts of one turn by hand with the expected number."""
     lines = bench.number("Lines of the encoder in one turn", "lines")
     begin = bench.axis.integer("position")
     bench.act("Turn the encoder by one turn in the direction of the workpiece, which is positive.")
@@ -440,7 +449,7 @@ def check_encoder(bench: Bench) -> BringupStep:
 
 
 def check_contacts(bench: Bench) -> BringupStep:
-    """Opens each contact alone."""
+    """Asks the person to open each contact alone, and checks the digital inputs."""
     bench.act("Close the enable chain and both limit contacts.")
     axis = bench.axis
     closed = axis.integer("digital_inputs")
@@ -459,7 +468,8 @@ def check_contacts(bench: Bench) -> BringupStep:
 
 
 def can_state(bench: Bench, wanted: str) -> str:
-    """Returns the state of the CAN controller, as soon as it is the wanted one."""
+    """Waits until the CAN controller has the wanted state, for a limited time. Returns its last
+    state."""
     for _ in bench.axis.link.polls(SETTLE_S):
         state = str(bench.axis.get("can_state")["can_state"])
         if state == wanted:
@@ -468,7 +478,7 @@ def can_state(bench: Bench, wanted: str) -> str:
 
 
 def check_can(bench: Bench) -> BringupStep:
-    """Reads if frames are acknowledged."""
+    """Checks that frames on the CAN bus are acknowledged."""
     bench.act("Connect the CAN bus: a second node that is on, and 120 Ohm at both ends.")
     rate = bench.axis.integer("bit_rate")
     state = can_state(bench, "active")
@@ -483,7 +493,8 @@ def check_can(bench: Bench) -> BringupStep:
 
 
 def check_can_off(bench: Bench) -> BringupStep:
-    """Disconnects the bus and connects it again."""
+    """Lets the person disconnect the CAN bus and connect it again, and checks the state of the CAN
+    controller."""
     bench.act("Short CAN_H to CAN_L while a node sends, and leave them shorted.")
     state = can_state(bench, "off")
     if state != "off":
@@ -492,7 +503,7 @@ def check_can_off(bench: Bench) -> BringupStep:
     state = can_state(bench, "active")
     if state != "active":
         return failed(f"expected a controller that is back, got {state}: check the other node")
-    # A connection by CAN, as that of a gateway, has lost the axis with the bus.
+    # A connection over CAN, such as that of a gateway, has lost the axis together with the bus.
     link = bench.axis.link
     if bench.axis.get("command_source")["command_source"] != COMMAND_SOURCES[link.source]:
         link.acquire()
@@ -512,7 +523,7 @@ def check_watchdog(bench: Bench) -> BringupStep:
 
 
 def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> BringupStep:
-    """Checks that the board reports the cause of a reset that a step has just provoked."""
+    """Checks that the board reports the expected cause of the reset that a step has just caused."""
     cause = bench.axis.integer("reset_cause")
     if cause & wanted:
         return passed(f"the last reset was by: {causes_of(cause)}", reset_cause=cause)
@@ -522,7 +533,7 @@ def after_reset(bench: Bench, wanted: int, name: str, otherwise: str) -> Bringup
 
 
 def check_store(bench: Bench) -> BringupStep:
-    """Stores the parameters, which have to be there after a power cut."""
+    """Checks that stored parameters still exist after the power was switched off and on."""
     axis = bench.axis
     parameter_set.store(axis)
     before = axis.integer("store_change_count")
@@ -575,9 +586,9 @@ def bring_up(
     request: BringupRequest = BringupRequest(),
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[BringupProtocol]:
-    """Does the steps of a request in their order. Yields the protocol after each step, with the
-    steps done until then. `clock`: the time in s. The axis must be owned by this program. Raises
-    InputError for a step without this name, and NoAnswer if the axis does not answer at the
+    """Does the steps of a request in their order. After each step, yields the protocol with all
+    steps so far. `clock`: function that returns the time in s. This program must own the axis.
+    Raises InputError for an unknown name of a step, and NoAnswer if the axis does not answer at the
     beginning."""
     for name in request.steps:
         if name not in STEPS:

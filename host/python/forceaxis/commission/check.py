@@ -1,5 +1,6 @@
-"""First motion test of a new axis: observation at rest, a test at a low output, then a short move
-out and back. Each step has a result; after a failed step the axis is not moved."""
+"""First motion test of a new axis. The axis is observed at rest, then moved with a low output, and
+then moved a short distance out and back. Each step has a result. After a failed step, the axis is
+not moved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,27 +16,29 @@ from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 from forceaxis.objects import mask
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
-# number of reads at rest and time between two reads, for a connection without recordings
+# Number of reads at rest, and time in s between two reads, if the connection transfers no
+# recordings.
 READINGS, READING_PERIOD_S = 25, 0.02
 # Largest change of the encoder count at standstill.
 # The limit of the first motion test in the firmware has the same value.
 STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
-# Largest motion in the first motion test of the firmware as a multiple of `first_motion_counts`.
+# Largest motion in the first motion test of the firmware, divided by `first_motion_counts`.
 FIRST_MOTION_REACH = 8
-# default travel in counts, and largest DAC code of the move out and back
+# Default values of the move out and back: travel in encoder counts, and largest DAC code.
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
-# duration of each move in ticks; largest speed of a move in counts per tick
+# Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
 SETTLE_S = 1.3  # time in s from the end of a move to the read of the position error
-# speed in counts per tick that disables the axis: at least four times the speed of the move
+# The axis is disabled above this speed in counts per tick, which is at least four times the speed
+# of the move.
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4
 ENABLE_CHAIN = mask("digital_inputs", "enable")
 LIMIT_POS, LIMIT_NEG = (mask("digital_inputs", f"limit_{way}") for way in ("positive", "negative"))
 NO_LIMIT = 2**31 - 1
-# {fault: most frequent causes} of the faults that can stop the first motion test
+# {fault that can stop the first motion test: text about its most frequent causes}
 FAULT_CAUSES = {
     "force_sensor_failed": "the force sensor is at an end of its range or unsteady: check "
     "cable, supply and force_zero_code",
@@ -63,9 +66,9 @@ Value = float | str | None
 class CheckStep:
     """Result of one step of the first motion test.
 
-    `verdict`: "passed", "noted" (no failure, but a person has to examine the value), "skipped" or
-    "failed". `value` and `limit` of the checked quantity: a number, a name, or None if the step has
-    no value.
+    `verdict`: "passed", "noted", "skipped" or "failed". "noted" is no failure, but a person has to
+    examine the value. `value` and `limit` belong to the checked quantity. Each is a number, a name,
+    or None if the step has no value.
     """
 
     step: str
@@ -77,8 +80,8 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, with which the test compares the
-    observed values."""
+    """Objects of an axis, in engineering values. The test compares the observed values with these
+    objects."""
 
     adc_bits: int
     force_zero_code: int
@@ -116,7 +119,7 @@ class ConnectionObjects:
 
 @dataclass(frozen=True)
 class StopCauseObjects:
-    """The latched fault, and the owner that stopped the axis."""
+    """The latched fault, and the command source that stopped the axis."""
 
     fault: str
     stopped_by: str
@@ -124,7 +127,7 @@ class StopCauseObjects:
 
 @dataclass(frozen=True)
 class FirstMotionObjects:
-    """Result of the first motion test of the firmware: distance in encoder counts, largest DAC
+    """Result of the first motion test in the firmware: distance in encoder counts, largest DAC
     code, change of the force in force counts, and the latched fault."""
 
     first_motion_result: str
@@ -154,15 +157,15 @@ class MotionCheckResult:
 
 
 class MotionCheck:
-    """The first motion test of an Axis that is owned and disabled. After run() the axis is
-    disabled, and all parameters except `force_tare` have their previous values."""
+    """The first motion test of an axis that this program owns and that is disabled. After run(),
+    the axis is disabled, and all parameters except `force_tare` have their previous values."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
         say: Callable[[CheckStep], None] = lambda step: None,
     ) -> None:  # fmt: skip
-        """`travel`: distance of the move in counts. `output`: limit of the DAC code during the
-        motion. The test calls say(CheckStep) at the end of each step."""
+        """`travel`: distance of the move in encoder counts. `output`: largest DAC code during the
+        motion. `say`: function that is called with a CheckStep at the end of each step."""
         self.axis, self.travel, self.output, self.say = axis, travel, output, say
         self.steps: list[CheckStep] = []
 
@@ -176,8 +179,8 @@ class MotionCheck:
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
     def run(self, consent: Callable[[str], bool]) -> None:
-        """Runs all steps. If the steps at rest pass, the function calls consent(text). The axis
-        moves only if this call returns True."""
+        """Runs all steps. If the steps at rest have passed, calls consent(text). The axis moves
+        only if consent() returns True."""
         self._connection()
         if not self._table():
             return
@@ -270,9 +273,9 @@ class MotionCheck:
                     "above 0", ": set them, the axis would not move")  # fmt: skip
 
     def _drive_times(self) -> None:
-        """Compares times of the axis with the bus of its drive, if it has one: if a time of the
-        axis is too short, a drive without a defect causes a fault, or each part that a cycle
-        presses is bad."""
+        """Compares time objects of the axis with the bus of its drive, if the axis has such a bus.
+        If a time is too short, a fault occurs although the drive has no defect, or each pressed
+        part gets the verdict bad."""
         known = self.known
         if not known.drive_node_id:
             return
@@ -310,7 +313,7 @@ class MotionCheck:
         try:
             held = self.axis.capture(list(names), samples=REST_SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
-        except Refused:  # This connection cannot transfer recordings.
+        except Refused:  # this connection cannot transfer recordings
             rows = []
             for _ in range(READINGS):
                 rows.append([self.axis.read(name) for name in names])
@@ -348,8 +351,8 @@ class MotionCheck:
                     ": the axis moves, or its cable picks up noise")  # fmt: skip
 
     def _limits(self) -> None:
-        """Finds a direction in which the position limits are far enough away. If both directions
-        are possible, the function selects the direction away from the workpiece."""
+        """Selects the direction of the move, so that the position limit is far enough away. If both
+        directions are possible, selects the direction away from the workpiece."""
         low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
@@ -362,8 +365,8 @@ class MotionCheck:
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self) -> int:
-        """Returns the largest distance in encoder counts, including an overshoot, that the axis
-        moves from the start position."""
+        """Returns the largest distance from the start position in encoder counts. An overshoot is
+        included."""
         return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
@@ -374,8 +377,8 @@ class MotionCheck:
         return min(self.output, self.known.output_limit)
 
     def _motion(self) -> None:
-        """Runs the first motion test and the move out and back. Both motions use narrower limits,
-        which are written to the axis. At the end, the earlier limits are restored."""
+        """Runs the first motion test and the move out and back. Before these motions, narrower
+        limits are written to the axis. At the end, the earlier limits are restored."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
@@ -393,7 +396,7 @@ class MotionCheck:
         before = self.axis.link.read(names)
         try:
             self.axis.set(**bounds, first_motion_test="off")
-            # A write to this object clears the result of an earlier test that passed.
+            # A write to this object deletes the result of an earlier test.
             self.axis.set(first_motion_test="on")
             if not self._first_motion():
                 self._skip("an earlier step failed", "move")
@@ -426,8 +429,8 @@ class MotionCheck:
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _move(self) -> None:
-        """Moves out and back in position mode, and checks the largest position error at the end
-        points."""
+        """Moves the axis out and back in position mode. Checks the largest position error at the
+        end points."""
         largest, errors = 0, []
         for target in (self.start + self.direction * self.travel, self.start):
             try:
@@ -460,7 +463,7 @@ class MotionCheck:
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
-        """Disables the axis and restores the objects that were set for the motion.
+        """Disables the axis and restores the objects that were changed for the motion.
 
         After an error of the connection, the function repeats the writes. A first Ctrl-C ends the
         program only after the objects are restored.
@@ -511,8 +514,8 @@ class MotionCheck:
 
 
 def _least(own: float, bound: float) -> float:
-    """Returns the smaller value of `own` (a limit of the axis; 0 means no limit) and `bound`. An
-    integer is returned as an integer."""
+    """Returns the smaller of two limits. `own` is a limit of the axis, where 0 means no limit. If
+    the result is an integer, its type is int."""
     return min(own, bound) if own else bound
 
 

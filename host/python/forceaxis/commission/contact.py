@@ -1,9 +1,9 @@
-"""First contacts of an axis with an active filter bank: simulated on the fitted plant, and recorded
-on the axis.
+"""First contacts of an axis with an active filter bank. The contacts are simulated with the fitted
+plant, and recorded on the axis.
 
-A bank is written only if the contacts of `simulated` pass. A `Touching` analyzer records the first
-contacts of the axis while the bank is verified; `predicted` computes the same contacts on the
-fitted plant.
+The filter bank is written to the axis only if the contacts that simulated() computes pass. While
+the filter bank is verified on the axis, an analyzer of the class Touching records the first
+contacts. predicted() computes the same contacts with the fitted plant.
 """
 
 import math
@@ -38,10 +38,10 @@ from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
 
-# number of plants that are sampled at random from the set, and seed of the random numbers
+# Number of plants that are drawn at random from the set of plants, and seed of the random numbers.
 MEMBER_COUNT, MEMBER_SEED = 6, 1988
-BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
-# To leave the contact, the axis first makes short moves, then one move over the whole travel.
+BEFORE_S, AFTER_S = 0.1, 2.0  # longest time in s that is recorded before and after a first contact
+# To leave the contact, the axis makes short moves, and then one move over the whole travel.
 SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
 # Objects of the axis on which a first contact depends, in addition to the filter bank.
 TOUCH_DOWN_OBJECTS = (
@@ -53,7 +53,7 @@ TOUCH_DOWN_OBJECTS = (
 
 @dataclass(frozen=True)
 class FittedAxis:
-    """The data from which the contacts of an axis with the designed filter bank are predicted."""
+    """The data from which contacts of an axis with the designed filter bank are predicted."""
 
     tuning: TuningFolder
     checked: Checked
@@ -84,7 +84,8 @@ class FittedAxis:
 
 
 def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
-    """Returns {firmware object: engineering value} for the simulation of the axis."""
+    """Returns the settings of the firmware for a simulation of the axis, as {object: engineering
+    value}."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force")  # fmt: skip
     held |= checked.settings
@@ -92,10 +93,12 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
-    """Simulates contacts: one at each force, an impact at each force except the largest, and
-    contacts with plants that are sampled at random from the set.
+    """Simulates contacts with the fitted plant: one contact at each force, and an impact at each
+    force except the largest. Also simulates contacts with plants that are drawn at random from the
+    set of plants.
 
-    Each returned row states its kind. Raises Refusal `hf_gain` or `simulated_KIND`.
+    Each element of the result states the kind of its contact. Raises a Refusal with the name
+    `hf_gain` or `simulated_KIND`.
     """
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank = designed.bank.bank
@@ -146,11 +149,11 @@ class TouchDown:
     """The measured force during a first contact, and the settings of the axis on which this force
     depends."""
 
-    time_s: Samples  #: time 0 is the first measured force above `contact_force`
+    time_s: Samples  # : time in s; 0 is the first sample whose force is above `contact_force`
     force_N: Samples
     force_asked_N: float
-    order: MeasuringOrder  #: the order with which the Analyzer pressed on the workpiece
-    settings: Settings  #: {object of TOUCH_DOWN_OBJECTS: engineering value} at the contact
+    order: MeasuringOrder  # : the request with which the Analyzer pressed on the workpiece
+    settings: Settings  # : values of the objects TOUCH_DOWN_OBJECTS at the contact
 
 
 class Touching(Analyzer):
@@ -161,12 +164,12 @@ class Touching(Analyzer):
     asked_N: float
 
     def touch_down(self, force_N: float) -> None:
-        """Makes a first contact and presses until the measured force has settled. Measures no
-        frequency response."""
+        """Makes a first contact and presses until the measured force has settled. Does not measure
+        a frequency response."""
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
-        """Presses in the same way as Analyzer.press(), but first moves the axis out of contact, and
+        """Moves the axis out of contact, then presses in the same way as Analyzer.press(), and
         records the first contact."""
         self.asked_N = force_N
         self._leave()
@@ -178,7 +181,8 @@ class Touching(Analyzer):
         return super().press(force_N)
 
     def _leave(self) -> None:
-        """Moves the axis back until the axis is out of contact, at most by the permitted travel."""
+        """Moves the axis back until it is out of contact. The distance is at most the permitted
+        travel."""
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
@@ -201,13 +205,13 @@ class Touching(Analyzer):
 
 
 def name(force_N: float) -> str:
-    """Returns the name of the file of a first contact, without suffix."""
+    """Returns the file name, without suffix, of a first contact with a force."""
     return f"touch-down-{force_N:g}N"
 
 
 def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
-    """Writes a recorded first contact and the predicted force to a file of the folder. Returns the
-    recorded and the predicted peak force."""
+    """Writes the recorded force of a first contact and its predicted force to a file in the folder.
+    Returns both peak forces."""
     expected = predicted(fitted_axis, touch)
     columns = np.column_stack([touch.time_s, touch.force_N, expected])
     folder, file_name = fitted_axis.tuning.folder, f"{name(touch.force_asked_N)}.csv"
@@ -222,8 +226,8 @@ def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
 def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
     """Returns the predicted measured force in N at the times of a TouchDown.
 
-    The prediction uses the fitted plant with the firmware, the filter bank and the settings of the
-    axis. All values are NaN if the simulated force does not settle.
+    The prediction simulates the fitted plant together with the firmware, the filter bank and the
+    settings of the axis. All values are NaN if the simulated force does not settle.
     """
     bank = fitted_axis.designed.bank.bank
     with fitted_axis.plant() as plant:
@@ -235,7 +239,8 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
         with Axis(SimLink(file)) as axis:
             same = Touching(axis, touch.order)
             try:
-                # The second contact starts at the distance from which the axis approached.
+                # The contact is simulated twice.
+                # The second one starts at the distance from which the axis has approached.
                 for _ in range(2):
                     same.touch_down(touch.force_asked_N)
             # This exception means that the simulated force does not settle.

@@ -1,10 +1,11 @@
 """Tests whether a fitted model explains recorded touch-downs.
 
-The residuals of each signal are added in blocks of several lengths. If noise alone makes them, the
-sum of squares of the blocks has a chi-square distribution, or F where the noise was found from
-samples before the touch. Errors of a model last for many samples, so long blocks find them although
-single residuals are small. The smallest probability of all tests is multiplied by their number
-(Bonferroni), so a right model is refused at most as often as stated.
+The residuals of each signal are averaged in blocks of several lengths. If the residuals are only
+noise, the sum of squares of the blocks has a chi-square distribution. If the noise was estimated
+from samples before the touch, it has an F distribution. An error of the model lasts for many
+samples. Long blocks therefore show it even if the single residuals are small. The smallest
+probability of all tests is multiplied by the number of tests (Bonferroni). A correct model is
+therefore rejected at most as often as the p value states.
 """
 
 from dataclasses import dataclass
@@ -15,14 +16,15 @@ from scipy import special
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem, Joined
 
-BLOCKS = (1, 4, 16)  # lengths of blocks in samples
+BLOCKS = (1, 4, 16)  # numbers of samples in a block
 
 
 @dataclass(frozen=True)
 class StretchCheck:
-    """The test of one signal in one touch-down. `p`: probability of residuals at least as large if
-    the model is right. `worst_s`: time in s after the start of the touch-down of the block that is
-    farthest from the model, and `worst_deviations` its distance."""
+    """The test of one signal in one touch-down. `p`: probability of residuals that are at least as
+    large, if the model is correct. The worst block of residuals is the one that is farthest from
+    the model. `worst_s`: time of this block in s after the start of the touch-down.
+    `worst_deviations`: its distance from the model in standard deviations."""
 
     touch: str
     signal: str
@@ -34,17 +36,18 @@ class StretchCheck:
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """The test of a model. `p`: probability of residuals at least as large in any signal if the
-    model is right. `stretches`: the tests of each signal in each touch-down, the worst first."""
+    """The test of a model. `p`: probability that any signal has residuals that are at least as
+    large, if the model is correct. `stretches`: the tests of each signal in each touch-down, sorted
+    with the worst first."""
 
     p: float
     stretches: tuple[StretchCheck, ...]
 
 
 def _tail(blocks: Floats, fitted: float, free: int) -> float:
-    """Returns the probability that the sum of squares of block means is at least as large.
-    `fitted`: number of parameters that were fitted to the blocks; `free`: number of samples from
-    which the noise was computed."""
+    """Returns the probability that the sum of squares of the block means is at least as large as
+    observed. `fitted`: number of parameters that were fitted to the blocks. `free`: number of
+    samples from which the noise was computed."""
     degrees = max(len(blocks) - fitted, 1.0)
     total = float(np.sum(blocks**2))
     if free > 0:
@@ -53,8 +56,8 @@ def _tail(blocks: Floats, fitted: float, free: int) -> float:
 
 
 def blocks_of(residuals: Floats, spread: Floats, length: int) -> Floats:
-    """Returns the means of blocks of residuals, weighted by their accuracy, in standard
-    deviations."""
+    """Returns the mean residual of each block, in standard deviations. In each mean, the residuals
+    are weighted by their accuracy. `length`: number of samples of a block."""
     ends = np.arange(0, len(residuals), length)
     sums = np.add.reduceat(residuals / spread, ends)
     return np.asarray(sums / np.sqrt(np.add.reduceat(spread**-2, ends)))

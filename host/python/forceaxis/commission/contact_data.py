@@ -1,5 +1,6 @@
-"""Touch-downs of a machine in the form in which a model is fitted to them: the command in steps of
-the plant, and samples of force and position at instants of these steps."""
+"""Converts recordings of touch-downs of a machine to the form to which a model is fitted. The
+simulated plant has a fixed time step. The command has one value for each of these time steps.
+Samples of force and position have times that are counted in these time steps."""
 
 import math
 from collections.abc import Sequence
@@ -20,33 +21,38 @@ from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, level_of, onset
 
 Floats: TypeAlias = NDArray[np.float64]
 
-PARTS_MAX = 8  # largest number of steps of the plant in a tick
-# Assumed noise of a recording without visible noise, as a fraction of the step of its values.
+PARTS_MAX = 8  # largest number of time steps of the simulated plant in one tick
+# Assumed noise of a signal without visible noise, divided by the step between two of its values.
 LEAST_NOISE_STEPS = 0.12
 LONG_STRETCH = 20  # samples
-HELD_SAMPLES = 100  # largest number of samples of a held force that are used
-PERIODS = 4  # longest period in samples after which rounding errors are taken to repeat
-GRID_TOLERANCE = 1e-2  # largest distance of a rounded value from its grid, in steps
+HELD_SAMPLES = 100  # largest number of samples that are used of a constant force
+PERIODS = 4  # longest period, in samples, with which rounding errors are assumed to repeat
+GRID_TOLERANCE = 1e-2  # largest distance of a value from its rounding grid, in steps of the grid
 GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
-# Times in s for a contact without a recorded command. The comparison begins BEFORE_S before the
-# first contact and ends at the first maximum of the force, at most AFTER_S after the contact:
-# later the unknown command changes with the force. The simulation begins RUN_UP_S earlier.
+# These times in s apply to a contact without a recorded command.
+# The comparison begins BEFORE_S before the first contact.
+# It ends at the first maximum of the force, at most AFTER_S after the contact.
+# Later the unknown command would change with the force.
+# The simulation begins RUN_UP_S before the comparison.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
-# First contacts are simulated separately if the contact is open for OPEN_S or more between them.
-# In this time the workpiece comes to rest. A simulation begins AHEAD_S or more before its contact.
+# Two contacts are simulated separately if there is no contact for at least OPEN_S between them.
+# In this time the workpiece comes to rest.
+# Each simulation begins at least AHEAD_S before its contact.
 OPEN_S, AHEAD_S = 0.5, 0.1
-SPEED_SHARE = 0.3  # deviation of an unknown speed or command, relative to its value
-MOVING_STEPS = 1.0  # speed in steps of the encoder per tick above which an axis moves at first
+SPEED_SHARE = 0.3  # assumed relative standard deviation of an unknown speed or command
+# an axis above this speed, in encoder steps per tick, is assumed to move at the start
+MOVING_STEPS = 1.0
 COMMANDS = ("code", "voltage_command", "speed_command", "force_command")
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of one signal in one touch-down. `at`: their instants in steps of the plant, (n,);
-    `values`: in SI units, (n,). `step`: distance between two values that the converter can give, or
-    0 for values without rounding. `noise`: rms noise in SI units before rounding. `free`: number of
-    samples from which the noise was found, 0 if the noise was assumed. `seen`: rms of these samples
-    with their rounding; near the edge of a code it is larger than that of a moving signal."""
+    """Samples of one signal in one touch-down. `at`: times of the samples, in time steps of the
+    plant. `values`: values of the samples in SI units. `step`: difference between two adjacent
+    values of the converter, or 0 for values without rounding. `noise`: rms noise in SI units before
+    rounding. `free`: number of samples from which the noise was computed, or 0 if the noise was
+    assumed. `seen`: rms deviation of these samples, including rounding. If their mean is near the
+    edge of a code, `seen` is larger than for a moving signal."""
 
     at: Floats
     values: Floats
@@ -57,19 +63,19 @@ class Samples:
 
     @property
     def spread(self) -> float:
-        """Returns the standard deviation of the noise and the rounding of a signal together."""
+        """Returns the standard deviation of the sum of noise and rounding errors of the signal."""
         return max(math.hypot(self.noise, self.step / math.sqrt(12)), self.seen)
 
     @property
     def deviations(self) -> Floats:
-        """Returns the standard deviation from which the weight of each sample in a fit follows,
-        (n,).
+        """Returns the standard deviation of each sample, from which its weight in a fit is
+        computed.
 
-        The rounding errors of a signal that stands, or moves by a simple fraction of a step from
-        sample to sample, repeat, unless noise moves the signal between codes. The mean of m such
-        errors has the variance r + rest / m with r = step^2 / (2 pi^2) exp(-4 pi^2 noise^2 /
-        step^2), the first harmonic of the error of a rounding (Wannamaker et al., IEEE Trans.
-        Signal Processing 48, 2000). So each of the m samples counts with m times the variance r.
+        If a signal is constant, or moves by a simple fraction of a step from sample to sample, its
+        rounding errors repeat, unless noise moves the signal between codes. The mean of m such
+        errors has the variance r + rest / m. Here r = step^2 / (2 pi^2) exp(-4 pi^2 noise^2 /
+        step^2) is the first harmonic of the rounding error (Wannamaker et al., IEEE Trans. Signal
+        Processing 48, 2000). Therefore each of the m samples has m times the variance r.
         """
         every = self.spread**2
         if self.step == 0.0:
@@ -82,11 +88,11 @@ class Samples:
         return np.asarray(np.sqrt(every - repeated + repeated * self._dwell()))
 
     def _dwell(self) -> Floats:
-        """Returns for each sample the number of samples around it with the same rounding error,
-        (n,). The changes of the code repeat there, after `period` samples; the mean error of a
-        period is smaller by this number. A long stretch with only two codes, such as a held force,
-        is also treated as one error, because the position of a small motion relative to the code
-        steps hardly changes.
+        """Returns for each sample the number of neighbouring samples that have the same rounding
+        error. In such a stretch, the changes of the code repeat after `period` samples. Their
+        rounding errors then partly cancel each other, so the number is divided by `period`. A long
+        stretch with only two codes, such as a constant force, is also regarded as one rounding
+        error, because a small motion hardly changes its position relative to the codes.
         """
         codes = np.round(self.values / self.step)
         changes = np.diff(codes)
@@ -105,7 +111,8 @@ class Samples:
 
 
 def _stretches(codes: Floats) -> list[tuple[int, int]]:
-    """Returns (first sample, end) of stretches in which all codes differ by at most 1."""
+    """Finds stretches of samples in which all codes differ by at most 1. Returns for each stretch
+    the index of its first sample and the index after its last sample."""
     found, first, low, high = [], 0, codes[0], codes[0]
     for i, code in enumerate(codes.tolist()):
         low, high = min(low, code), max(high, code)
@@ -117,11 +124,12 @@ def _stretches(codes: Floats) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class TouchDown:
-    """One touch-down. `volts`: command of the drive in V for each step of the plant, (n,).
-    `onset`: step at which the force begins. `position` is None if it was not recorded. `travel`:
-    distance in m from the start to the onset. `speed`: at the start in m/s, and its deviation; 0
-    for an axis that stands. `held`: constant command in V of a touch-down without a recorded
-    command, and its deviation. `recording`: number of its recording."""
+    """One touch-down. `volts`: command of the drive in V for each time step of the plant. `onset`:
+    time step at which the force begins. `position`: samples of the position, or None if it was not
+    recorded. `travel`: distance in m from the start to the onset. `speed`: speed in m/s at the
+    start, and its standard deviation; both are 0 for an axis at rest. `held`: constant command in V
+    of a touch-down without a recorded command, and its standard deviation. `recording`: number of
+    the recording that contains the touch-down."""
 
     name: str
     volts: Floats
@@ -134,7 +142,8 @@ class TouchDown:
     recording: int = 0
 
     def until(self, steps: int, begin: int = 0) -> "TouchDown":
-        """Returns the first `steps` steps of the touch-down, with its samples from `begin` on."""
+        """Returns the touch-down shortened to its first `steps` time steps. Samples before the time
+        step `begin` are left out."""
 
         def part(samples: Samples) -> Samples:
             kept = (samples.at >= begin) & (samples.at <= steps - 1)
@@ -147,8 +156,8 @@ class TouchDown:
 
 
 def _without_rest(touch: TouchDown) -> TouchDown:
-    """Returns a touch-down without most of its end, if the force stays within two codes there: many
-    such samples contain no more information than a few."""
+    """If the force stays within two codes at the end of a touch-down, removes most of this end.
+    Many such samples contain no more information than a few."""
     if touch.force.step == 0.0:
         return touch
     first, end = _stretches(np.round(touch.force.values / touch.force.step))[-1]
@@ -159,8 +168,9 @@ def _without_rest(touch: TouchDown) -> TouchDown:
 
 @dataclass(frozen=True)
 class ContactData:
-    """The touch-downs of recordings. `parts`: number of steps of the plant in a tick. `commanded`:
-    False if no command was recorded, so that speed and command of each contact are unknown."""
+    """All touch-downs of the recordings. `parts`: number of time steps of the plant in one tick.
+    `commanded`: False if no command was recorded. Speed and command of each contact are then
+    unknown."""
 
     touches: tuple[TouchDown, ...]
     parts: int = 1
@@ -168,34 +178,36 @@ class ContactData:
 
     @property
     def rate_hz(self) -> float:
-        """Returns the number of steps of the plant in a second."""
+        """Returns the number of time steps of the plant in one second."""
         return float(TICKS_PER_SECOND * self.parts)
 
 
 def grid_of(values: Floats) -> float:
-    """Returns the step between adjacent values of a converter, or 0 if the values are not multiples
-    of one step."""
+    """Returns the step between adjacent values of a converter. Returns 0 if the differences of the
+    values are not multiples of one step."""
     different = np.unique(values)
     if len(different) < 2:
         return 0.0
     span = float(np.ptp(different))
     step = 0.0
-    for gap in np.diff(different).tolist():  # greatest common divisor by the algorithm of Euclid
+    # this loop computes the greatest common divisor (Euclidean algorithm)
+    for gap in np.diff(different).tolist():
         rest = gap
         while rest > GRID_ERROR * span:
             step, rest = rest, math.fmod(step, rest) if step else 0.0
             rest = min(rest, abs(step - rest))
     if step < 100 * GRID_ERROR * span:
         return 0.0
-    # A distance between two values has the rounding errors of both, and the range has only one.
+    # Computed from the whole range, the step has a smaller relative rounding error.
     step = span / round(span / step)
     off = (different - different[0]) / step
     return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0
 
 
 def noise_of(values: Floats, step: float) -> tuple[float, int]:
-    """Returns the rms noise before rounding of values at a constant signal, and the number of
-    values from which it was found. Constant codes leave the noise unknown: the number is then 0."""
+    """Computes the noise of a constant signal from its rounded values. Returns the rms noise before
+    rounding, and the number of values from which it was computed. If all values are equal, the
+    noise is unknown and the number is 0."""
     if step == 0.0:
         return float(np.std(values, ddof=1)), len(values) - 1
     variance = float(np.var(values, ddof=1))
@@ -215,10 +227,10 @@ def noise_of(values: Floats, step: float) -> tuple[float, int]:
 
 
 def cuts_of(name: str, recording: SignalRecording) -> list[float]:
-    """Returns the times in s between the touch-downs of a recording: those at which the axis is
-    farthest from the workpiece, or the middle of a stretch out of contact if no position was
-    recorded. A contact that follows sooner than OPEN_S belongs to the touch-down before it.
-    Raises InputError."""
+    """Returns the times in s at which a recording is divided into its touch-downs. Each is the time
+    at which the axis is farthest from the workpiece. If no position was recorded, it is the middle
+    of the time without contact. A contact that follows within OPEN_S belongs to the previous
+    touch-down. Raises InputError."""
     force = _signal(name, recording, "force")
     level = level_of(force.values, f"{name}: force")
     above = force.values - level.zero
@@ -242,8 +254,8 @@ def cuts_of(name: str, recording: SignalRecording) -> list[float]:
 
 
 def _cut(recording: SignalRecording, begin_s: float, end_s: float) -> SignalRecording:
-    """Returns a recording whose force and position are from begin_s to end_s. A command keeps its
-    earlier samples, because the last one before begin_s may still act."""
+    """Returns the samples of a recording from begin_s to end_s. Of a command signal, earlier
+    samples are also kept, because the last command before begin_s may still be active."""
 
     def part(signal: RecordedSignal) -> RecordedSignal:
         if signal.name not in ("force", "position"):
@@ -257,16 +269,16 @@ def _cut(recording: SignalRecording, begin_s: float, end_s: float) -> SignalReco
 def touch_downs(
     model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
 ) -> ContactData:
-    """Returns the touch-downs of recordings, (name, recording). Each recording begins out of
-    contact and is divided into its touch-downs. A recording without any of the signals COMMANDS
-    gives only the stretch around each first contact. Raises InputError."""
+    """Divides recordings into their touch-downs and returns these. `recordings`: pairs (name,
+    recording). Each recording must begin out of contact. Of a recording without any of the signals
+    COMMANDS, only the time around each first contact is used. Raises InputError."""
     commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]
     rate = max(_signal(name, recording, "force").rate_hz for name, recording in recordings)
     parts = next(
         (p for p in (1, 2, 4, PARTS_MAX) if rate <= p * TICKS_PER_SECOND * 1.01), PARTS_MAX
     )
     if not all(commanded):
-        # The force rises quickly between ticks, and its samples are not at ticks.
+        # The samples of the force are not at ticks, and the force rises quickly between ticks.
         parts = max(parts, 4)
     reader = _Reader(model, held, parts)
     touches = []
@@ -278,7 +290,8 @@ def touch_downs(
             part = _cut(recording, begin_s, end_s)
             if all(commanded):
                 touch = _without_rest(reader.read(own, part))
-                # The drive moves at the cut, so the simulation begins with the earlier command.
+                # The drive moves at the beginning of this touch-down, so the simulation begins with
+                # the earlier command.
                 if i > 1:
                     touch = touch.until(len(touch.volts), round(RUN_UP_S * reader.rate))
             else:
@@ -304,7 +317,7 @@ class _Reader:
         self.facts = linear.facts(model, held)
         self.parts, self.rate = parts, float(TICKS_PER_SECOND * parts)
         encoder = self.facts.required_encoder
-        #: speed of the axis in m/s for each volt of the command, out of contact
+        #: speed of the axis out of contact, divided by the command, in m/s per V
         self.speed_per_volt = (
             known.code_rate(model, held) / self.facts.volts_per_code / encoder.scale
         )
@@ -318,13 +331,13 @@ class _Reader:
 
     def samples(self, signal: RecordedSignal, begin_s: float, end_s: float, free: int) -> Samples:
         """Returns the samples of a signal from begin_s to end_s. `free`: number of samples before
-        the touch, from which the noise is found, or 0 for a signal without noise."""
+        the touch from which the noise is computed, or 0 for a signal without noise."""
         inside = (signal.true_time_s >= begin_s - 1e-9) & (signal.true_time_s <= end_s + 1e-9)
         values = signal.values[inside]
         step = grid_of(signal.values)
         noise, count, seen = LEAST_NOISE_STEPS * step, 0, 0.0
         if step == 0.0 and len(values) > 2:
-            # The second differences of a smooth signal are those of its noise.
+            # The second differences of a smooth signal contain only its noise.
             noise = float(np.std(np.diff(values, 2))) / math.sqrt(6) + 1e-9 * float(np.ptp(values))
         if free > 1:
             (noise, count), seen = noise_of(values[:free], step), float(np.std(values[:free]))
@@ -334,7 +347,7 @@ class _Reader:
         return Samples(at, values, step, noise, count, seen)
 
     def read(self, name: str, recording: SignalRecording) -> TouchDown:
-        """Returns the touch-down of a recording with a command."""
+        """Returns the touch-down in a recording that contains a command."""
         force = _signal(name, recording, "force")
         command = next(c for c in COMMANDS if c in recording)
         first = max(s.true_time_s[0] for s in recording if s.name in ("force", "position", command))
@@ -362,7 +375,8 @@ class _Reader:
         )  # fmt: skip
 
     def shot(self, name: str, recording: SignalRecording) -> TouchDown:
-        """Returns the stretch around the first contact of a recording without a command."""
+        """Returns the touch-down in a recording without a command. It contains only the time around
+        the first contact."""
         force = _signal(name, recording, "force")
         onset, free = self._onset(name, force, force.true_time_s[0])
         touch_s = force.true_time_s[0] + onset / self.rate
@@ -376,7 +390,8 @@ class _Reader:
         begun = replace(
             self.samples(force, begin, end, 0), noise=quiet.noise, free=quiet.free, seen=quiet.seen
         )
-        # The plant begins earlier with the same command, so that its drive has settled at `begin`.
+        # The simulation begins earlier with the same command, so that the drive has settled at
+        # `begin`.
         ahead = round(RUN_UP_S * self.rate)
         begun = replace(begun, at=begun.at + ahead)
         steps = int((end - begin) * self.rate + 1e-6) + 2 + ahead
@@ -400,15 +415,15 @@ class _Reader:
         )  # fmt: skip
 
     def _onset(self, name: str, force: RecordedSignal, first: float) -> tuple[float, int]:
-        """Returns the step of the plant at which the force begins, and the number of force samples
-        before this step."""
+        """Returns the time step of the plant at which the force begins, and the number of force
+        samples before it."""
         used = force.true_time_s >= first - 1e-9
         values = force.values[used]
         free = onset_of(values, level_of(values, f"{name}: force"))
         return float((force.true_time_s[used][free] - first) * self.rate), free
 
     def _speed(self, position: Samples, begin: float, end: float) -> float:
-        """Returns the mean speed of the axis in m/s between two steps of the plant."""
+        """Returns the mean speed of the axis in m/s between two time steps of the plant."""
         used = (position.at >= begin) & (position.at <= end)
         if np.count_nonzero(used) < 2:
             return 0.0

@@ -1,9 +1,10 @@
-"""Elements that a model may lack, tried against recorded touch-downs: a contact that stiffens or
-has hysteresis, the lag of the force sensor, backlash of the drive, and dry friction.
+"""Tries elements that a model may lack, by comparison with recorded touch-downs. The elements are:
+a contact that becomes stiffer with the force, hysteresis of the contact, a lag of the force sensor,
+backlash of the drive, and dry friction.
 
-Each element is added to the model with unknown constants that are fitted together with all others.
-The rank is the decrease of chi-square, less ln n for each further constant (Schwarz, The Annals of
-Statistics 6, 1978), where n is the number of samples.
+Each element is added to the model. Its constants are fitted together with all other parameters. The
+elements are ranked by the decrease of chi-square minus ln n for each added constant, where n is the
+number of samples (Schwarz, The Annals of Statistics 6, 1978).
 """
 
 import math
@@ -26,8 +27,9 @@ from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
 from forceaxis.design import model_file
 from forceaxis.linear import working
 
-# Stiffness of a closed backlash relative to the contact, and its relative damping.
-# Both are so large that their values do not matter.
+# Stiffness of the closed backlash divided by the stiffness of the contact, and relative damping of
+# the closed backlash.
+# Both values are so large that their exact size has no effect.
 PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
 
 Document = tomlkit.TOMLDocument
@@ -35,9 +37,9 @@ Document = tomlkit.TOMLDocument
 
 @dataclass(frozen=True)
 class TriedElement:
-    """An element that was added to a model. `gain`: decrease of chi-square, less the penalty for
+    """An element that was added to a model. `gain`: decrease of chi-square minus the penalty for
     its constants. `p`: p value of the model with the element. `values`: the constants of the
-    element in SI units. `toml`: what to add to the model."""
+    element in SI units. `toml`: text to add to the model file."""
 
     name: str
     text: str
@@ -49,9 +51,10 @@ class TriedElement:
 
 @dataclass(frozen=True)
 class Element:
-    """An element to try. add(document): adds the element, whose constants are parameters of the
-    model. `starts`: sets of start values {constant: SI value}, from which fits begin. `units`: of
-    the constants. `drops`: parameters of the model that the element replaces."""
+    """An element to try. add(document) adds the element to the model; its constants become
+    parameters of the model. `starts`: one or more sets of start values {constant: SI value}; a fit
+    begins from each. `units`: units of the constants. `drops`: parameters of the model that the
+    element replaces."""
 
     name: str
     text: str
@@ -62,8 +65,8 @@ class Element:
 
 
 class Scales:
-    """Values of a model and its recordings (force, stiffness, drive) from which start values of a
-    fit follow."""
+    """Values of a model and of its recordings, such as force and stiffness. The start values of
+    fits are computed from these."""
 
     def __init__(self, problem: ContactProblem, best: Floats) -> None:
         values = dict(zip(problem.names, np.exp(best[: len(problem.names)]).tolist(), strict=True))
@@ -103,7 +106,8 @@ def _append(document: Document, kind: str, values: Mapping[str, Any]) -> None:
 
 def _stiffening(scales: Scales) -> Element | None:
     contact = scales.contact
-    if contact.stiffness is None:  # the force of the contact already is a curve over the overlap
+    # the force of this contact is already a nonlinear curve over the overlap
+    if contact.stiffness is None:
         return None
 
     def add(document: Document) -> None:
@@ -186,7 +190,7 @@ def friction(scales: Scales) -> Element | None:
     if scales.has_friction:
         return None
 
-    # The first friction that the model declares with 0 N, or None.
+    # The first friction element in the model whose force is 0 N, or None.
     declared = scales.declared_friction
 
     def add(document: Document) -> None:
@@ -206,13 +210,13 @@ def friction(scales: Scales) -> Element | None:
 
 
 def _elements(scales: Scales) -> list[Element]:
-    """Returns the candidate elements that are not in the model."""
+    """Returns the elements to try, without those that the model already has."""
     makers = (_stiffening, _hysteresis, lag, backlash, friction)
     return [element for make in makers if (element := make(scales)) is not None]
 
 
 def model_text(problem: ContactProblem, element: Element, start: Mapping[str, float]) -> str:
-    """Returns the text of the model with an element."""
+    """Returns the text of the model file after an element was added."""
     document = model_file.document(problem.model)
     element.add(document)
     table = document.setdefault("parameters", tomlkit.table())
@@ -222,7 +226,8 @@ def model_text(problem: ContactProblem, element: Element, start: Mapping[str, fl
 
 
 def without_unused(text: str, path: Path) -> str:
-    """Returns the text of a model in which parameters that no element uses any more are marked."""
+    """Returns the text of a model file. Parameters that no element uses any more are marked in
+    it."""
     document = tomlkit.parse(text)
     for name, table in list(document.get("parameters", {}).items()):
         path.write_text(tomlkit.dumps(document))
@@ -239,7 +244,8 @@ def tried(
     problem: ContactProblem, best: Floats, cost: float, seed: int
 ) -> tuple[TriedElement, ...]:
     """Adds each element to the model and fits all constants. Returns the elements whose decrease of
-    chi-square exceeds their penalty, the best first. `best`, `cost`: of the model without them."""
+    chi-square exceeds their penalty, sorted with the best first. `best`, `cost`: most likely
+    parameters of the model without these elements, and their cost."""
     found = []
     scales = Scales(problem, best)
     with tempfile.TemporaryDirectory() as folder:
@@ -253,8 +259,8 @@ def tried(
 def _fitted(
     problem: ContactProblem, best: Floats, cost: float, element: Element, path: Path
 ) -> TriedElement | None:
-    """Returns the element with its fitted constants, or None if no start values give a plant that
-    can be simulated."""
+    """Fits the constants of an element together with the other parameters. Returns None if no set
+    of start values gives a plant that can be simulated."""
     names = [name for name in problem.names if name not in element.drops]
     kept = [i for i, name in enumerate(problem.names) if name in names]
     results = []
@@ -282,7 +288,7 @@ def _fitted(
 
 
 def _lines(problem: ContactProblem, element: Element, values: Mapping[str, float]) -> str:
-    """Returns the lines of the model with the element that the model does not have."""
+    """Returns the text lines that the element adds to the model file."""
     before = tomlkit.dumps(model_file.document(problem.model)).splitlines()
     rounded = {name: float(f"{value:.4g}") for name, value in values.items()}
     after = model_text(problem, element, rounded).splitlines()

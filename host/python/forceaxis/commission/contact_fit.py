@@ -1,4 +1,4 @@
-"""Identification of the parameters of a model from recorded touch-downs.
+"""Identifies the parameters of a model from recorded touch-downs.
 
 found = identify(ContactOrder("press/model.toml", [Path("touch_1.npz")], ("m_w", "k_w")))
 found.parameters["k_w"].interval, found.p_value, found.posterior
@@ -41,18 +41,21 @@ from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.results import to_json
 
-# Largest ratio of posterior to prior deviation at which recordings determine a parameter.
+# The recordings determine a parameter if its posterior standard deviation, divided by its prior
+# one, is at most this value.
 TOLD_SHARE = 1 / 3
-DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3  # limits of the p value
+# limits of the p value below which a model is doubted and rejected
+DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3
 CHAINS_FILE = "chains.npz"
 FILES = ("posterior.json", "pairs.png", "contacts.png")
 
 
 @dataclass(frozen=True)
 class ContactOrder:
-    """The order for an identification: a model, recordings of touch-downs, and names of parameters.
-    `given`: texts NAME=VALUE+-PERCENT% of priors. `held`: other parameters of the model. `threads`:
-    for the simulation. `scheduler`: address of a Dask scheduler whose workers then simulate."""
+    """The request for an identification: a model, recordings of touch-downs, and names of the
+    parameters to fit. `given`: priors as texts NAME=VALUE+-PERCENT%. `held`: values of other
+    parameters of the model. `threads`: number of threads for the simulation. `scheduler`: address
+    of a Dask scheduler, whose workers then do the simulation."""
 
     model: str
     recordings: Sequence[Path]
@@ -61,14 +64,16 @@ class ContactOrder:
     held: Overrides = field(default_factory=dict)
     seed: int = 0
     threads: int = 1
-    #: folder that keeps the chains, so that an interrupted identification continues; None: none
+    #: Folder in which the Markov chains are stored, so that an interrupted identification can
+    #: continue.
+    #: None: they are not stored.
     out: Path | None = None
     scheduler: str | None = None
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:
-    """Returns the priors of the fitted parameters: those of data sheets, a factor of 5 for a
-    parameter of no kind that has one. Raises InputError."""
+    """Returns the prior of each fitted parameter. Parameters of a known kind have the prior of data
+    sheets. For other parameters, the standard deviation is a factor of 5. Raises InputError."""
     facts = linear.facts(order.model, order.held)
     own = priors(order.model, (), order.given, order.held)
     found = {}
@@ -90,7 +95,7 @@ def prior_of(order: ContactOrder) -> dict[str, Prior]:
 
 
 def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactRecording, ...]]:
-    """Reads the recordings that an order names. Raises InputError."""
+    """Reads the recordings that a request names. Raises InputError."""
     read = [(path.stem, signal_recording.read(path)) for path in order.recordings]
     data = contact_data.touch_downs(order.model, read, order.held)
     samples = [
@@ -107,8 +112,8 @@ def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactReco
 
 
 def identify(order: ContactOrder) -> Identified:
-    """Identifies the parameters of an order. The result does not depend on threads or scheduler.
-    Raises InputError, ParameterError, SimulationError."""
+    """Identifies the parameters of a request. The result does not depend on the number of threads
+    or on the scheduler. Raises InputError, ParameterError, SimulationError."""
     if order.scheduler is None:
         return _identified(order, order.threads)
     with Workers(order.scheduler) as workers:
@@ -199,8 +204,8 @@ def _posterior(problem: ContactProblem, best: Floats, sampled: Sampled) -> Poste
 
 
 def write(found: Identified, out: Path) -> None:
-    """Writes FILES to the folder `out`, all or none. Without a posterior only the picture of the
-    contacts is written, and the other files of an earlier call are removed."""
+    """Writes the files FILES to the folder `out`, either all or none. If there is no posterior,
+    writes only the picture of the contacts and removes the other files of an earlier call."""
     from forceaxis import drawing
     from forceaxis.commission import contact_plots
 

@@ -1,9 +1,10 @@
 """Likelihood of recorded touch-downs for many plants at once.
 
-The recorded command is the input of the simulated plant, so no control law is needed. Besides the
-fitted parameters each touch-down has unknowns of its own: where the axis stood before it (`place`),
-the fraction of a count by which the encoder was off (`count`), and without a recorded command the
-speed at the start and the command. The zero of the force sensor is one further unknown.
+The recorded command is the input of the simulated plant, so that no control law is needed. In
+addition to the fitted parameters, each touch-down has its own unknowns: the position of the axis
+before it (`place`), and the error of the encoder, which is a fraction of a count (`count`). If no
+command was recorded, the speed at the start and the command are also unknowns. The zero of the
+force sensor is one more unknown, which all touch-downs have in common.
 """
 
 import hashlib
@@ -26,19 +27,23 @@ from forceaxis.design import model_file
 from forceaxis.experiments.workers import Workers
 from forceaxis.linear.plant_facts import Overrides
 
-LOG_MAX = 300.0  # bound of the magnitude of the logarithm of a parameter
-WORST_RESIDUAL = 1e5  # residual, in standard deviations, of a plant that cannot be simulated
-PLACE_DEVIATION_M = 1e-3  # prior standard deviation of the position about the first guess
-ZERO_SHARE = 0.01  # prior deviation of the zero of the force, as a share of the recorded range
-START_VALUES = 3  # values in the starts of _core.Contacts: shift in m, speed in m/s, volts
-# simulate(values, starts): readings and places of _core.Contacts.run
+LOG_MAX = 300.0  # largest magnitude of the logarithm of a parameter
+# residual, in standard deviations, that is used for a plant that cannot be simulated
+WORST_RESIDUAL = 1e5
+PLACE_DEVIATION_M = 1e-3  # prior standard deviation in m of the position of the axis
+# prior standard deviation of the zero of the force, divided by the range of the recorded force
+ZERO_SHARE = 0.01
+START_VALUES = 3  # number of start values in _core.Contacts: shift in m, speed in m/s, command in V
+# Function simulate(values, starts), which returns the force and position readings of
+# _core.Contacts.run().
 Simulate = Callable[[Floats, Floats], Floats]
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number that is fitted besides the parameters of the model, with a normal prior. `kind`:
-    "zero", "place", "count", "speed" or "volts"; `touch`: number of the touch-down, -1 for all."""
+    """An unknown number that is fitted in addition to the parameters of the model, with a normal
+    prior. `kind`: "zero", "place", "count", "speed" or "volts". `touch`: number of the touch-down,
+    or -1 if it belongs to all."""
 
     kind: str
     touch: int
