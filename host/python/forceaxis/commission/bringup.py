@@ -493,8 +493,8 @@ def check_can(bench: Bench) -> BringupStep:
 
 
 def check_can_off(bench: Bench) -> BringupStep:
-    """Lets the person disconnect the CAN bus and connect it again, and checks the state of the CAN
-    controller."""
+    """Asks the person to short the CAN bus and then to remove the short. Checks the state of the
+    CAN controller in both cases."""
     bench.act("Short CAN_H to CAN_L while a node sends, and leave them shorted.")
     state = can_state(bench, "off")
     if state != "off":

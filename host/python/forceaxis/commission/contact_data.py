@@ -24,7 +24,7 @@ Floats: TypeAlias = NDArray[np.float64]
 PARTS_MAX = 8  # largest number of time steps of the simulated plant in one tick
 # Assumed noise of a signal without visible noise, divided by the step between two of its values.
 LEAST_NOISE_STEPS = 0.12
-LONG_STRETCH = 20  # samples
+LONG_STRETCH = 20  # smallest number of samples of a long stretch with almost constant codes
 HELD_SAMPLES = 100  # largest number of samples that are used of a constant force
 PERIODS = 4  # longest period, in samples, with which rounding errors are assumed to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a value from its rounding grid, in steps of the grid
@@ -89,9 +89,9 @@ class Samples:
 
     def _dwell(self) -> Floats:
         """Returns for each sample the number of neighbouring samples that have the same rounding
-        error. In such a stretch, the changes of the code repeat after `period` samples. Their
-        rounding errors then partly cancel each other, so the number is divided by `period`. A long
-        stretch with only two codes, such as a constant force, is also regarded as one rounding
+        error. In such a stretch, the changes of the code repeat after `period` samples. The
+        rounding errors within a period partly cancel each other, so a smaller number is returned. A
+        long stretch with only two codes, such as a constant force, is also regarded as one rounding
         error, because a small motion hardly changes its position relative to the codes.
         """
         codes = np.round(self.values / self.step)

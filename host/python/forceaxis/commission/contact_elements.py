@@ -27,8 +27,8 @@ from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
 from forceaxis.design import model_file
 from forceaxis.linear import working
 
-# Stiffness of the closed backlash divided by the stiffness of the contact, and relative damping of
-# the closed backlash.
+# The closed backlash has PLAY_STIFFNESS times the stiffness of the contact.
+# PLAY_DAMPING is its relative damping.
 # Both values are so large that their exact size has no effect.
 PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
 

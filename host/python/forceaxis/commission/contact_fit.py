@@ -64,9 +64,8 @@ class ContactOrder:
     held: Overrides = field(default_factory=dict)
     seed: int = 0
     threads: int = 1
-    #: Folder in which the Markov chains are stored, so that an interrupted identification can
-    #: continue.
-    #: None: they are not stored.
+    #: folder of the stored Markov chains, with which an interrupted identification continues, or
+    #: None
     out: Path | None = None
     scheduler: str | None = None
 

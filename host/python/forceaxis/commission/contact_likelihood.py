@@ -53,8 +53,9 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Predicted:
-    """Signals of all touch-downs for n points: force in N and position in m at the instants of the
-    recorded samples, (n, samples of all touch-downs). `valid`: False where no plant exists, (n,)"""
+    """Simulated signals of all touch-downs for n points: force in N and position in m at the times
+    of the recorded samples. Each array has one row for each point, and one column for each sample
+    of all touch-downs. `valid`: for each point, False if its plant cannot be simulated."""
 
     force: Floats
     position: Floats
@@ -74,8 +75,8 @@ def moved_bodies(model: str | Path) -> list[str]:
 
 
 def gap_of(model: str | Path, held: Overrides) -> float:
-    """Returns the distance in m that the axis of a model moves from its start to its contact.
-    Raises InputError for a model without a contact."""
+    """Returns the distance in m by which the axis of a model moves from its start position to the
+    contact. Raises InputError for a model without a contact."""
     contacts = model_file.read(model).contacts
     if not contacts:
         raise InputError(f"{model}: contact: expected a model with a contact, got none")
@@ -84,7 +85,7 @@ def gap_of(model: str | Path, held: Overrides) -> float:
 
 
 def _simulation(model: Path, order: ContactsOrder, site: int | Workers) -> Simulate:
-    # reading the model first also refuses a wrong model before the long computation
+    # A wrong model is refused here, before the long computation on the workers.
     here = order.on(model)
     if isinstance(site, Workers):
         return ContactWorkers(site, order)
@@ -94,10 +95,11 @@ def _simulation(model: Path, order: ContactsOrder, site: int | Workers) -> Simul
 class ContactProblem:
     """Likelihood of recorded touch-downs for plants with different parameters.
 
-    A point is a vector: the logarithms of the parameters in the order of `priors`, then each of the
-    `unknowns` as the distance from its mean in deviations. `priors` of the parameters are normal in
-    the logarithm. `site`: number of threads that simulate, or workers of a Dask scheduler; the
-    result does not depend on it.
+    A point is a vector. It begins with the logarithms of the parameters, in the order of `priors`.
+    Then follows each of the `unknowns`, as the distance from its mean in standard deviations.
+    `priors`: prior of each parameter, which is a normal distribution of its logarithm. `site`:
+    number of threads that simulate, or workers of a Dask scheduler. The result does not depend on
+    `site`.
     """
 
     def __init__(
@@ -132,11 +134,11 @@ class ContactProblem:
 
     @property
     def size(self) -> int:
-        """Returns the number of fitted numbers, which is the size of a point."""
+        """Returns the number of elements of a point: parameters and unknowns."""
         return len(self.centre)
 
     def key(self, seed: int) -> str:
-        """Returns a hash of everything on which samples of the posterior depend."""
+        """Returns a hash of all data on which samples of the posterior depend."""
         text = [self.model.read_text(encoding="utf-8"), repr(self.priors), repr(self.held), seed]
         known = hashlib.sha256(repr([_core.SIMULATOR_HASH, *text]).encode())
         for touch in self.data.touches:
@@ -146,7 +148,8 @@ class ContactProblem:
         return known.hexdigest()
 
     def shorter(self, steps_after: int) -> "ContactProblem":
-        """Returns the problem of each touch-down until `steps_after` steps after its onset."""
+        """Returns a problem with shorter touch-downs. Each ends `steps_after` time steps after its
+        onset."""
         touches = tuple(t.until(int(t.onset) + steps_after) for t in self.data.touches)
         data = replace(self.data, touches=touches)
         return ContactProblem(self.model, data, self.priors, self.held, self.site)
@@ -165,8 +168,8 @@ class ContactProblem:
         return found
 
     def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
-        """Returns the value of an unknown in SI units at n points, (n,), or `known` if the problem
-        does not have this unknown."""
+        """Returns the value of an unknown in SI units for each point. If the problem does not have
+        this unknown, the value is `known`."""
         for i, unknown in enumerate(self.unknowns):
             if (unknown.kind, unknown.touch) == (kind, touch):
                 scaled = points[:, len(self.names) + i]
@@ -174,11 +177,11 @@ class ContactProblem:
         return np.full(len(points), known)
 
     def values(self, points: Floats) -> Floats:
-        """Returns the parameters of the model in SI units for n points, (n, parameters)."""
+        """Returns the parameters of the model in SI units, with one row for each point."""
         return np.exp(np.clip(points[:, : len(self.names)], -LOG_MAX, LOG_MAX))
 
     def predict(self, points: Floats) -> Predicted:
-        """Simulates all touch-downs for n points."""
+        """Simulates all touch-downs for each point."""
         count = len(self.data.touches)
         starts = np.zeros((len(points), count, START_VALUES))
         for i in range(count):
@@ -201,12 +204,12 @@ class ContactProblem:
         return Predicted(force, place, valid)
 
     def posterior_log(self, points: Floats) -> Floats:
-        """Returns the logarithm of the posterior density of n points, up to a constant, (n,)."""
+        """Returns the logarithm of the posterior density, up to a constant, for each point."""
         return np.asarray(-0.5 * np.sum(self.residuals(points) ** 2, axis=1))
 
     def residuals_of(self, touch: int, number: int) -> Floats:
-        """Returns which of the residuals belong to a touch-down or to the prior of a number of the
-        point, (all,)."""
+        """Returns a mask over all residuals. It is True for the residuals of a touch-down, and for
+        the residual of the prior of one element of the point. `number`: index of this element."""
         own = np.arange(self.size) == number
         masks = []
         for joined in (self.force, self.position):
@@ -217,8 +220,8 @@ class ContactProblem:
         return np.concatenate([*masks, own])
 
     def residuals(self, points: Floats) -> Floats:
-        """Returns residuals of force, position and prior in standard deviations for n points:
-        (n, all). Half the sum of their squares is the negative logarithm of the posterior
+        """Returns the residuals of force, position and prior in standard deviations, with one row
+        for each point. Half the sum of squares of a row is the negative logarithm of the posterior
         density."""
         predicted = self.predict(points)
         parts = [
@@ -232,9 +235,10 @@ class ContactProblem:
 
 
 class Joined:
-    """The samples of one signal in all touch-downs, one after the other. `parts`: (touch-down,
-    first sample, end) of each touch-down that has the signal. `free`: number of samples from which
-    the noise of each was found."""
+    """The samples of one signal in all touch-downs, in one array. `parts`: for each touch-down that
+    has the signal, its number, the index of its first sample, and the index after its last sample.
+    `free`: for each of these touch-downs, the number of samples from which the noise was
+    computed."""
 
     def __init__(self, each: list[Samples | None], steps: list[int]) -> None:
         first = np.concatenate([[0], np.cumsum(steps)]).astype(int)
@@ -267,12 +271,13 @@ class Joined:
         self.values, self.spread = joined(values), joined(spread)
 
     def at(self, rows: Floats) -> Floats:
-        """Returns the signal at the instants of the samples from its values at all steps."""
+        """Returns the simulated signal at the times of the samples, by interpolation. `rows` has
+        the values of the signal at all time steps, with one row for each point."""
         if self.on_rows:
             return np.asarray(rows[:, self.low])
         low = rows[:, self.low]
         return np.asarray(low + self.share * (rows[:, self.high] - low))
 
     def scaled(self, predicted: Floats) -> Floats:
-        """Returns residuals in standard deviations."""
+        """Returns the differences between recorded and predicted samples in standard deviations."""
         return np.asarray((self.values - predicted) / self.spread)

@@ -1,5 +1,5 @@
-"""Pictures of parameters that were identified from touch-downs: the posterior by pairs of
-parameters, and the measured touch-downs beside those of the model."""
+"""Plots of parameters that were identified from touch-downs. One plot shows the posterior for each
+pair of parameters. The other plot compares the measured touch-downs with those of the model."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,13 +11,13 @@ from forceaxis.commission.contact_results import Identified
 from forceaxis.drawing import COLORS, FAINT, GOT, INK, legend, name_of, style
 from forceaxis.words import plain
 
-DRAWN = 1500  # number of samples in a picture
-BAND_PLANTS = 40  # number of plants from which a band is drawn
+DRAWN = 1500  # largest number of samples in a plot
+BAND_PLANTS = 40  # number of simulated plants from which a band of the force is drawn
 
 
 def pairs(found: Identified) -> Figure:
-    """Returns the picture of the posterior: the density of each parameter with that of its prior,
-    and samples of each pair of parameters."""
+    """Returns the plot of the posterior. It shows the density of each parameter together with the
+    density of its prior, and samples of each pair of parameters."""
     result, problem = found.result, found.problem
     assert result.posterior is not None
     names, table = result.posterior.names, result.posterior.table
@@ -69,7 +69,7 @@ def pairs(found: Identified) -> Figure:
 
 
 def contacts(found: Identified) -> Figure:
-    """Returns the picture of all touch-downs: measured force, force of the model, and residuals in
+    """Returns the plot of all touch-downs: measured force, force of the model, and residuals in
     standard deviations of the noise."""
     problem = found.problem
     touches = problem.data.touches

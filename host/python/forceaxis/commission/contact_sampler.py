@@ -1,10 +1,10 @@
-"""Samples of the posterior of touch-downs, by the ensemble sampler emcee (Foreman-Mackey et al.,
-Publications of the Astronomical Society of the Pacific 125, 2013).
+"""Draws samples of the posterior of touch-downs with the ensemble sampler emcee (Foreman-Mackey et
+al., Publications of the Astronomical Society of the Pacific 125, 2013).
 
-Each chain is an ensemble of walkers. Half of the moves draw all walkers anew from Student's t
-around the optimum, and the sampler accepts or refuses each: where the posterior is close to normal,
-samples are then nearly independent. The other moves (stretch, differences) are right for any
-posterior.
+Each chain is an ensemble of walkers, which are sampled points. Half of the moves propose new
+walkers from Student's t distribution around the optimum, and the sampler accepts or rejects each
+new walker. If the posterior is close to a normal distribution, the samples are then nearly
+independent. The other moves (stretch move, differential evolution) are suitable for any posterior.
 """
 
 from collections.abc import Callable
@@ -23,9 +23,10 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.experiments.workers import Workers
 
 CHAINS = 4
-T_DEGREES = 6.0  # degrees of freedom of the distribution Student's t for new walkers
-BLOCK = 20  # steps after which the convergence is computed
-# number of blocks that are discarded; after each, the distribution is fitted to the walkers
+T_DEGREES = 6.0  # degrees of freedom of Student's t distribution for new walkers
+BLOCK = 20  # number of steps of a block; the convergence is computed after each block
+# Number of blocks at the beginning that are discarded.
+# After each of them, the distribution is fitted to the walkers.
 TUNING_BLOCKS = 2
 BLOCKS_MAX = 30
 R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0
@@ -34,9 +35,10 @@ KEPT_MAX = 4000  # largest number of samples in a result
 
 @dataclass(frozen=True)
 class Convergence:
-    """Convergence of the chains. `r_hat` is the largest and `effective_samples` the smallest value
-    among the numbers of the point. `accepted`: share of accepted moves. `steps`: of each chain,
-    without tuning. `evaluations`: simulations of all touch-downs, with search and tuning."""
+    """Convergence of the chains. `r_hat` is the largest value among the elements of a point,
+    `effective_samples` the smallest. `accepted`: fraction of the moves that were accepted. `steps`:
+    number of steps of each chain after tuning. `evaluations`: number of simulated plants, including
+    search and tuning."""
 
     r_hat: float
     effective_samples: float
@@ -50,8 +52,8 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Points of the posterior, (samples, size), the logarithms of their densities up to a constant,
-    (samples,), and the convergence."""
+    """Samples of the posterior. `points` has one row for each sample. `logs` has the logarithm of
+    the density of each sample, up to a constant."""
 
     points: Floats
     logs: Floats
@@ -59,37 +61,39 @@ class Sampled:
 
 
 class Drawn:
-    """Multivariate distribution Student's t around a centre, from which emcee proposes moves."""
+    """Multivariate Student's t distribution around a centre. emcee proposes new walkers from this
+    distribution."""
 
     def __init__(self, centre: Floats, covariance: Floats) -> None:
         self.set(centre, covariance)
 
     def set(self, centre: Floats, covariance: Floats) -> None:
-        """Changes the distribution."""
+        """Sets the centre and the covariance of the distribution."""
         self.centre: Floats = centre
         self.root: Floats = np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def draw(self, count: int, random: np.random.RandomState) -> Floats:
-        """Returns points of the distribution, (count, size)."""
+        """Draws points from the distribution. Returns one row for each point."""
         normal = random.standard_normal(size=(count, len(self.centre)))
         wide = np.sqrt(T_DEGREES / random.chisquare(T_DEGREES, size=count))
         return np.asarray(self.centre + wide[:, None] * (normal @ self.root.T))
 
     def log(self, points: Floats) -> Floats:
-        """Returns the logarithm of the density of points up to a constant, (count,)."""
+        """Returns the logarithm of the density, up to a constant, for each point."""
         z = linalg.solve_triangular(self.root, (points - self.centre).T, lower=True)
         power = -0.5 * (T_DEGREES + len(self.centre))
         return np.asarray(power * np.log1p(np.sum(z**2, axis=0) / T_DEGREES))
 
     def propose(self, points: Floats, random: np.random.RandomState) -> tuple[Floats, Floats]:
-        """Returns new points, and the logarithms of the factors by which the move is not
-        symmetrical, as emcee.moves.MHMove expects."""
+        """Proposes new points, as emcee.moves.MHMove requires. Also returns the logarithm of the
+        correction factor for each point, because this proposal is not symmetrical."""
         new = self.draw(len(points), random)
         return new, self.log(points) - self.log(new)
 
 
 def r_hat(chains: Floats) -> float:
-    """Returns the largest split R-hat of chains, (chains, samples, size)."""
+    """Returns the largest split R-hat among the elements of a point. The array `chains` has the
+    dimensions (chains, samples, elements of a point)."""
     half = chains.shape[1] // 2
     parts = np.concatenate([chains[:, :half], chains[:, half : 2 * half]])
     within = np.mean(np.var(parts, axis=1, ddof=1), axis=0)
@@ -98,17 +102,18 @@ def r_hat(chains: Floats) -> float:
 
 
 def effective(chain: Floats) -> float:
-    """Returns the smallest effective number of samples of a chain, (steps, walkers, size)."""
-    # avoids a division by 0 for a walker that has not moved
+    """Returns the smallest effective number of samples among the elements of a point. The array
+    `chain` has the dimensions (steps, walkers, elements of a point)."""
+    # A walker that has not moved would cause a warning about a division by 0.
     with np.errstate(divide="ignore", invalid="ignore"):
         tau = np.nan_to_num(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), nan=np.inf)
     return float(chain.shape[0] * chain.shape[1] / np.max(np.maximum(tau, 1.0)))
 
 
 class _Chain:
-    """One Markov chain: an ensemble of walkers (sampled points). The random numbers of a block of
-    steps depend only on seed, chain and block, so a chain that continues from a file gives the same
-    samples."""
+    """One Markov chain, which is an ensemble of walkers (sampled points). The random numbers of a
+    block of steps depend only on the seed, the number of the chain and the number of the block. A
+    chain that continues from a file therefore gives the same samples."""
 
     def __init__(self, problem: ContactProblem, drawn: Drawn, seed: int, number: int) -> None:
         self.drawn, self.walkers = drawn, 2 * problem.size + 2
@@ -123,15 +128,15 @@ class _Chain:
         )
         self.state = emcee.State(drawn.draw(self.walkers, self._random()))
         size = problem.size
-        self.points: Floats = np.zeros((0, self.walkers, size))  # (steps, walkers, size)
+        self.points: Floats = np.zeros((0, self.walkers, size))  # dimensions: steps, walkers, elements of a point
         self.logs: Floats = np.zeros((0, self.walkers))
-        self.accepted = 0.0  # sum of the shares of accepted moves of all kept blocks
+        self.accepted = 0.0  # sum over all stored blocks of the fraction of accepted moves
 
     def _random(self) -> np.random.RandomState:
         return np.random.RandomState([self.seed, self.number, self.blocks])
 
     def run(self) -> None:
-        """Continues the chain by a block."""
+        """Continues the chain by one block of steps."""
         self.blocks += 1
         self.sampler.reset()
         self.state.random_state = self._random().get_state()
@@ -141,12 +146,12 @@ class _Chain:
         self.accepted += float(np.mean(self.sampler.acceptance_fraction))
 
     def tuned(self, centre: Floats, covariance: Floats) -> None:
-        """Discards all samples, and samples new walkers from another distribution."""
+        """Discards all samples. From now on, new walkers are drawn from another distribution."""
         self.drawn.set(centre, covariance)
         self.points, self.logs, self.accepted = self.points[:0], self.logs[:0], 0.0
 
     def arrays(self) -> dict[str, Floats]:
-        """Returns the arrays with which a file stores the chain."""
+        """Returns the arrays that a file stores of this chain."""
         return {
             "points": self.points, "logs": self.logs, "coords": self.state.coords,
             "log_prob": self.state.log_prob, "centre": self.drawn.centre, "root": self.drawn.root,
@@ -154,7 +159,7 @@ class _Chain:
         }  # fmt: skip
 
     def restore(self, kept: dict[str, Floats]) -> None:
-        """Continues from the arrays of a file."""
+        """Sets the state of the chain from the arrays of a file."""
         self.points, self.logs = kept["points"], kept["logs"]
         self.state = emcee.State(kept["coords"], log_prob=kept["log_prob"])
         self.drawn.centre, self.drawn.root = kept["centre"], kept["root"]
@@ -162,7 +167,7 @@ class _Chain:
 
 
 def _save(file: Path | None, key: str, chains: list[_Chain]) -> None:
-    """Writes the chains to a file, complete or not at all."""
+    """Writes the chains to a file. The file is either complete or not written."""
     if file is None:
         return
     arrays = {f"{name}_{c.number}": array for c in chains for name, array in c.arrays().items()}
@@ -171,7 +176,7 @@ def _save(file: Path | None, key: str, chains: list[_Chain]) -> None:
 
 
 def _load(file: Path | None, key: str, chains: list[_Chain]) -> bool:
-    """Continues the chains that a file contains. Returns False if the file has no chains with this
+    """Restores the chains from a file. Returns False if the file contains no chains with this
     key."""
     if file is None or not file.exists():
         return False
@@ -194,9 +199,9 @@ def sample(
     progressed: Callable[[Convergence], None] = lambda _: None,
     file: Path | None = None,
 ) -> Sampled:
-    """Returns samples of the posterior. `start`: a distribution around its mode. The same seed
-    gives the same samples. `file` keeps the chains after each block, so that an interrupted call
-    continues where it was; None: nothing is kept."""
+    """Returns samples of the posterior. `start`: a distribution around the mode of the posterior.
+    The same seed gives the same samples. `file`: file to which the chains are written after each
+    block, so that a later call continues an interrupted one. None: the chains are not stored."""
     chains = [
         _Chain(problem, Drawn(start.centre, start.root @ start.root.T), seed, i)
         for i in range(CHAINS)
@@ -218,8 +223,8 @@ def sample(
 
 
 def _run(problem: ContactProblem, chains: list[_Chain]) -> None:
-    """Continues all chains by a block of steps. On a cluster they run at the same time, because
-    each chain only waits for its workers."""
+    """Continues all chains by one block of steps. On a cluster, the chains run at the same time,
+    because each chain only waits for the workers of the cluster."""
     if not isinstance(problem.site, Workers):
         for chain in chains:
             chain.run()
@@ -229,8 +234,8 @@ def _run(problem: ContactProblem, chains: list[_Chain]) -> None:
 
 
 def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
-    """Moves the walkers until they have found the posterior, and adapts the distribution from which
-    new walkers are sampled."""
+    """Runs the chains until the walkers have found the posterior. Also fits to the walkers the
+    distribution from which new walkers are drawn."""
     for _ in range(TUNING_BLOCKS):
         _run(problem, chains)
         every = np.concatenate([c.points[BLOCK // 2 :].reshape(-1, problem.size) for c in chains])

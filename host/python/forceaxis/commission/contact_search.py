@@ -1,6 +1,7 @@
-"""Search of the most likely plant of recorded touch-downs, by continuation: a short stretch after
-the touch, then longer ones. A long stretch alone has many local optima, because a contact that is
-lost a little earlier or later shifts all that follows."""
+"""Searches the plant that explains recorded touch-downs best. First only a short time after each
+touch is fitted, and then longer times. With a long time from the start, the search would find many
+local optima: if a simulated contact is lost a little too early or too late, the whole later motion
+is shifted."""
 
 import numpy as np
 
@@ -8,23 +9,26 @@ from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
 
 STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3  # steps of numerical derivatives
-STARTS = 6  # number of starts that are drawn from the prior, besides its centre
-START_SHARE = 0.7  # standard deviation of the random starts, as a fraction of that of the prior
-# Stretches of the continuation in s after the onset, and largest numbers of iterations.
+STARTS = 6  # number of start points that are drawn from the prior, in addition to its centre
+START_SHARE = 0.7  # standard deviation of the random start points, divided by that of the prior
+# STRETCHES_S: times in s after the onset that are fitted one after another.
+# ITERATIONS and LAST_ITERATIONS: largest number of iterations for each time, and for the complete
+# touch-downs.
 STRETCHES_S, ITERATIONS, LAST_ITERATIONS = (0.012, 0.03, 0.08), 8, 30
-TOLERANCE = 1e-4  # decrease of the cost at which a search ends
-# step sizes that each iteration tries, relative to the last one
+TOLERANCE = 1e-4  # a search ends if the cost decreases by less than this value
+# Factors by which each iteration multiplies the last damping to try new ones.
 DAMPINGS = 10.0 ** np.arange(-2, 4)
 DAMPING_MAX = 1e8
-# A residual beyond this number of deviations counts linearly in the sum of squares.
-# So a simulated contact that comes too late does not outweigh all other residuals.
+# A residual above this number of standard deviations contributes linearly to the sum of squares.
+# A simulated contact that occurs too late therefore does not dominate all other residuals.
 BEND = 30.0
 
 
 def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]:
-    """Returns the residuals at a point, (all,), and their derivatives with respect to the numbers
-    of the point, (all, size). An unknown of one touch-down has no effect on other touch-downs, so
-    one simulation gives the derivatives for this unknown of all touch-downs."""
+    """Returns the residuals at a point, and a matrix of their derivatives. The matrix has one row
+    for each residual and one column for each element of the point. An unknown of one touch-down has
+    no effect on other touch-downs. One simulation therefore gives the derivatives for the same
+    unknown of all touch-downs."""
     names, kinds = len(problem.names), sorted({u.kind for u in problem.unknowns})
     groups = [[i] for i in range(names)]
     groups += [
@@ -45,8 +49,8 @@ def derivatives(problem: ContactProblem, point: Floats) -> tuple[Floats, Floats]
 
 
 def _cost(residuals: Floats, bend: float) -> Floats:
-    """Returns half the sum of squares of each row of residuals. A residual larger than `bend`
-    contributes linearly."""
+    """Returns half the sum of squares of each row of residuals. A residual above `bend` contributes
+    linearly."""
     size = np.abs(residuals)
     return np.asarray(np.sum(np.where(size < bend, size**2 / 2, bend * (size - bend / 2)), axis=-1))
 
@@ -54,8 +58,8 @@ def _cost(residuals: Floats, bend: float) -> Floats:
 def descend(
     problem: ContactProblem, point: Floats, iterations: int, bend: float = np.inf
 ) -> tuple[Floats, float]:
-    """Returns the point after a descent by Levenberg and Marquardt, and its cost: the negative
-    logarithm of the posterior density if `bend` is inf."""
+    """Decreases the cost by the method of Levenberg and Marquardt. Returns the best point and its
+    cost. If `bend` is infinite, the cost is the negative logarithm of the posterior density."""
     damping = 1e-2
     residuals, matrix = derivatives(problem, point)
     cost = float(_cost(residuals, bend))
@@ -83,7 +87,7 @@ def descend(
 
 
 def search(problem: ContactProblem, seed: int) -> tuple[Floats, float]:
-    """Returns the most likely point of all starts, and its cost."""
+    """Searches from several start points. Returns the most likely point and its cost."""
     rng = np.random.default_rng(seed)
     names = len(problem.names)
     points = [problem.centre.copy()]
@@ -104,7 +108,8 @@ def search(problem: ContactProblem, seed: int) -> tuple[Floats, float]:
 
 
 def lengthened(problem: ContactProblem, point: Floats) -> tuple[Floats, float]:
-    """Returns the most likely point from one start, by continuation, and its cost."""
+    """Searches from one start point, with longer and longer times after the touch. Returns the most
+    likely point and its cost."""
     for stretch in STRETCHES_S:
         part = problem.shorter(max(8, round(stretch * problem.data.rate_hz)))
         point, _ = descend(part, point, ITERATIONS, BEND)
@@ -113,6 +118,7 @@ def lengthened(problem: ContactProblem, point: Floats) -> tuple[Floats, float]:
 
 
 def covariance(problem: ContactProblem, point: Floats) -> Floats:
-    """Returns the covariance of a normal distribution like the posterior at its mode."""
+    """Returns the covariance of the normal distribution that approximates the posterior at its
+    mode."""
     _, matrix = derivatives(problem, point)
     return np.asarray(np.linalg.inv(matrix.T @ matrix))

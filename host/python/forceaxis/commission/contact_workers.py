@@ -1,4 +1,4 @@
-"""Simulations of recorded touch-downs on the workers of a Dask scheduler."""
+"""Simulates recorded touch-downs on the workers of a Dask scheduler."""
 
 import hashlib
 import socket
@@ -15,14 +15,14 @@ from forceaxis.commission.contact_data import Floats
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear.plant_facts import Overrides
 
-KEPT = 16  # number of plants that a worker stores for reuse
+KEPT = 16  # number of simulation objects that a worker stores for reuse
 
 
 @dataclass(frozen=True)
 class ContactsOrder:
-    """Arguments of _core.Contacts, with the text of the model in place of its file."""
+    """Arguments of _core.Contacts. They contain the text of the model instead of its file name."""
 
-    text: str  # valid in any folder
+    text: str  # text of the model file, whose paths are valid in any folder
     held: Overrides
     fitted: tuple[str, ...]
     moved: tuple[str, ...]
@@ -30,7 +30,7 @@ class ContactsOrder:
     parts: int
 
     def on(self, model: Path) -> _core.Contacts:
-        """Returns the contacts of the model in a file."""
+        """Returns the simulation object for the model in a file."""
         return _core.Contacts(
             str(model), dict(self.held), list(self.fitted), list(self.moved), list(self.volts),
             self.parts,
@@ -38,7 +38,7 @@ class ContactsOrder:
 
     @cached_property
     def key(self) -> str:
-        """Returns a hash of all fields."""
+        """Returns a hash of all fields of the arguments."""
         known = hashlib.sha256(
             repr((self.text, self.held, self.fitted, self.moved, self.parts)).encode()
         )
@@ -51,9 +51,9 @@ _kept: dict[str, tuple[tempfile.TemporaryDirectory[str], _core.Contacts]] = {}
 
 
 def run_rows(order: ContactsOrder, simulator_hash: str, values: Floats, starts: Floats) -> Floats:
-    """Simulates the contacts of an order on a worker, as _core.Contacts.run() does. `values`:
-    (rows, parameters); `starts`: (rows, contacts, 3). Raises WorkerDiffers for another
-    simulator."""
+    """Simulates contacts on a worker, in the same way as _core.Contacts.run(). `values`: one row of
+    parameters for each plant. `starts`: three start values for each plant and each contact. Raises
+    WorkerDiffers if the worker has another version of the simulator."""
     if simulator_hash != _core.SIMULATOR_HASH:
         raise WorkerDiffers(
             f"worker on {socket.gethostname()}: simulator_hash: expected {simulator_hash[:12]}, "
@@ -71,14 +71,14 @@ def run_rows(order: ContactsOrder, simulator_hash: str, values: Floats, starts: 
 
 
 class ContactWorkers:
-    """Simulates contacts for many values of the parameters at once, divided among the workers."""
+    """Simulates contacts for many plants at once. The plants are divided among the workers."""
 
     def __init__(self, workers: Workers, order: ContactsOrder) -> None:
         self.workers, self.order = workers, order
 
     def __call__(self, values: Floats, starts: Floats) -> Floats:
-        """Returns what _core.Contacts.run() returns for values (rows, parameters) and starts
-        (rows, contacts, 3)."""
+        """Returns the same result as _core.Contacts.run(). `values`: one row of parameters for each
+        plant. `starts`: three start values for each plant and each contact."""
         ends = np.linspace(0, len(values), min(self.workers.cores(), len(values)) + 1).astype(int)
         calls = [
             (self.order, _core.SIMULATOR_HASH, values[i:k], starts[i:k]) for i, k in pairwise(ends)

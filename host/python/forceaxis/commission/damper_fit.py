@@ -1,9 +1,10 @@
-"""Command `identify fit` for an axis with dry friction: dampers represent the friction in the fit.
+"""Part of the command `identify fit` for an axis with dry friction. In the fit, dampers represent
+the friction.
 
-If a model is rejected, it is fitted again with a damper in the place of each friction. These are
-the frictions that the measurement has found, or all possible ones if it did not search for
-friction. The size of a damper depends on the amplitude of the response. The friction in newtons
-follows from the damper and the recorded speed.
+If a model is rejected, it is fitted again with a damper in place of each friction element. The
+dampers replace the frictions that the measurement has found. If the measurement did not search for
+friction, all possible friction elements are tried. The damping depends on the amplitude of the
+response. The friction force in N is computed from the damping and the recorded speed.
 """
 
 import math
@@ -30,14 +31,14 @@ from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.results import from_json
 
-OTHER_STARTS = 2  # number of additional start values from which a fit with dampers is repeated
-# Ratio of the start value of a damping in N s/m to (moving mass times middle angular frequency).
+OTHER_STARTS = 2  # a fit with dampers is repeated from this number of additional start values
+# Start value of a damping in N s/m, divided by (moving mass times middle angular frequency).
 START_SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class RecordedFriction:
-    """Dry friction in the file of a response.
+    """Dry friction that the file of a measured response states.
 
     `dead_zone`: dead zone of guide and gear in DAC codes. `moving_N`: friction of guide and gear in
     N. `speed`: rms speed of the axis in m/s. None means an unknown value.
@@ -46,8 +47,8 @@ class RecordedFriction:
     is_recorded: bool = False  #: True if the measurement searched for friction
     dead_zone: float = 0.0
     moving_N: float | None = None
-    table_N: float = 0.0  #: friction in N under the workpiece
-    slides: bool = True  #: True if the workpiece slid during the response
+    table_N: float = 0.0  # : friction in N between the workpiece and its table
+    slides: bool = True  # : True if the workpiece slid while the response was measured
     is_least: bool = False  #: True if the friction of guide and gear is a lower bound
     speed: float | None = None
 
@@ -60,10 +61,10 @@ class RecordedFriction:
 def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
-    """Reads the dry friction from the folder of a measurement.
+    """Reads the measured dry friction from the folder of a measurement.
 
-    If the file states the friction in DAC codes only, the model converts the codes to newtons.
-    Without a friction file, the friction is unknown.
+    If the file states the friction only in DAC codes, the codes are converted to N with the model.
+    If the folder has no friction file, the friction is unknown.
     """
     file = Path(path) / "result.json"
     try:
@@ -78,7 +79,7 @@ def recorded_friction(
     if moving_N is None and found.dead_zone_codes:
         newton = known.newton_per_code(model, overrides)
         moving_N = found.dead_zone_codes * newton if math.isfinite(newton) else None
-    counts: float | None = about.speed_rms  # counts/s
+    counts: float | None = about.speed_rms  # in encoder counts/s or force counts/s
     if about.bias_N is not None:
         counts = about.speed_rms * (slow.compliance + slow.sliding) if slow else None
     encoder = linear.facts(model, overrides).encoder
@@ -97,8 +98,9 @@ def recorded_friction(
 class FittedDamper:
     """A damper that replaces dry friction in a fit.
 
-    `newton`: friction in N, None if unknown. `damping`: damping in N s/m, None if the two bodies do
-    not move against each other. `declared`: True if the model contains the friction.
+    `newton`: friction in N, or None if it is unknown. `damping`: damping in N s/m, or None if the
+    two bodies do not move against each other. `declared`: True if the model contains a [[friction]]
+    element for this friction.
     """
 
     name: str
@@ -110,7 +112,8 @@ class FittedDamper:
 
 @dataclass(frozen=True)
 class FittedDampers:
-    """All dampers of a fit, and the [[friction]] elements that the model lacks, as TOML."""
+    """All dampers of a fit, and the [[friction]] elements that have to be added to the model, as
+    TOML text."""
 
     freed: tuple[FittedDamper, ...]
     lines: str
@@ -118,17 +121,17 @@ class FittedDampers:
 
 @dataclass(frozen=True)
 class AxisFitSummary(fit_response.FitSummary):
-    """A fit. `friction` contains the dampers that replace dry
-    friction. None means that the model explains the response without dampers, or that the model is
-    rejected."""
+    """The result of a fit. `friction` contains the dampers that replace dry friction. It is None if
+    the model explains the response without dampers, or if the model is rejected."""
 
     friction: FittedDampers | None = None
 
 
 @dataclass(frozen=True)
 class DamperFit:
-    """A fit in which dampers replace frictions, and the Measurement with the model that contains
-    these dampers. `newtons` is {friction: force in N}; None means an unknown force."""
+    """A fit in which dampers replace friction elements, and the Measurement with the model that
+    contains these dampers. `newtons` is {name of a friction: force in N, or None if the force is
+    unknown}."""
 
     found: fit_response.ParameterFit
     measured: Measurement
@@ -136,8 +139,8 @@ class DamperFit:
     newtons: dict[str, float | None]
 
     def dampers(self) -> FittedDampers:
-        """Returns the fitted dampers, and the friction elements that the model lacks, in the form
-        of the JSON output."""
+        """Returns the fitted dampers, and the friction elements that have to be added to the model,
+        in the form of the JSON output."""
         values = dict(zip(self.found.names, self.found.values.tolist(), strict=True))
         rows = [
             FittedDamper(
@@ -158,8 +161,9 @@ def fit(
 ) -> tuple[fit_response.ParameterFit, Measurement, AxisFitSummary]:  # fmt: skip
     """Fits parameters of a model to the response in the folder `path`.
 
-    Returns (fit, Measurement with the fitted model, summary). `folder` receives the file of a model
-    with dampers. Raises InputError, and Refusal `friction` if dampers do not explain the response.
+    Returns the fit, the Measurement with the fitted model, and a summary. `folder`: folder to which
+    the file of a model with dampers is written. Raises InputError. Raises a Refusal with the name
+    `friction` if dampers do not explain the response.
     """
     model = measured.model
     found = fit_response.fit(measured, starts)
@@ -185,8 +189,8 @@ def fit(
 def _with_fewest_dampers(
     measured: Measurement, starts: dict[str, float], about: RecordedFriction, folder: Path
 ) -> DamperFit | None:
-    """Returns the fit with the smallest number of dampers that explains a response, or None if no
-    dampers explain the response."""
+    """Returns the fit with the smallest number of dampers among those that explain a response.
+    Returns None if no dampers explain the response."""
     model = measured.model
     moving: list[FrictionElement] = []
     table: list[FrictionElement] = []
@@ -212,7 +216,8 @@ def _with_fewest_dampers(
         fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
         if fitted is None or fitted.found.rejected:
             continue
-        # A damper is accepted if the fit improves by more than the penalty for one more parameter.
+        # One more damper is accepted if the fit improves by more than the penalty for one
+        # parameter.
         if not about.is_recorded:
             plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
             count = len(fitted.found.names) - len(starts)
@@ -226,10 +231,11 @@ def _with_fewest_dampers(
 
 @dataclass(frozen=True)
 class _Damper:
-    """The damper that replaces one friction in a fit.
+    """The damper that replaces one friction element in a fit.
 
-    `start_N`: friction from which the initial damping follows. `known_N`: measured friction in N, 0
-    if unknown. `sticks`: True if the two bodies do not move against each other.
+    `start_N`: friction in N from which the initial damping is computed. `known_N`: measured
+    friction in N, or 0 if it is unknown. `sticks`: True if the two bodies do not move against each
+    other.
     """
 
     friction: FrictionElement
@@ -239,7 +245,8 @@ class _Damper:
 
 
 def _damper_of(one: FrictionElement, on_table: bool, about: RecordedFriction) -> _Damper:
-    """Returns the damper for a friction whose force in N is a share of the measured friction."""
+    """Returns the damper for one friction element. Its friction force is a fraction of the measured
+    friction."""
     total_N = (about.table_N if on_table else about.moving_N) or 0.0
     is_known = on_table or not about.is_least
     return _Damper(
@@ -252,8 +259,8 @@ def _with_dampers(
     measured: Measurement, starts: dict[str, float], dampers: Sequence[_Damper],
     speed: float | None, folder: Path,
 ) -> DamperFit | None:  # fmt: skip
-    """Returns the fit of a response with dampers, or None if the response does not depend on a
-    damper. `speed` is the rms speed of the axis in m/s, None if unknown."""
+    """Fits a response with dampers. Returns None if the response does not depend on one of the
+    dampers. `speed`: rms speed of the axis in m/s, or None if it is unknown."""
     frictions = tuple(damper.friction for damper in dampers)
     file = folder / f"{'_'.join(one.name for one in frictions)}.toml"
     file.write_text(friction_models.damped(measured.model, frictions), encoding="utf-8")
@@ -265,7 +272,7 @@ def _with_dampers(
             start = _start_damping(measured, damper.start_N, speed)
             free[damper.friction.damping] = start
     model = str(file)
-    # The model with dampers has no parameters of the friction that the dampers replace.
+    # The parameters of the replaced friction elements do not exist in the model with dampers.
     left = linear.facts(model).parameters
     held = {name: value for name, value in measured.overrides.items() if name in left}
     slides = replace(
@@ -274,7 +281,7 @@ def _with_dampers(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
-    # The response does not depend on the damper alone, or does not depend on the damper at all.
+    # The response depends on the damper only together with another parameter, or not at all.
     except InputError:
         return None
     # A parameter of a workpiece that sticks does not change the response.
@@ -291,7 +298,8 @@ def _with_dampers(
 
 
 def _start_damping(measured: Measurement, newton: float, speed: float | None) -> float:
-    """Returns the damping in N s/m at which a fit begins. `speed` is the rms speed in m/s."""
+    """Returns the damping in N s/m at which a fit begins. `newton`: friction force in N. `speed`:
+    rms speed in m/s, or None."""
     if newton and speed:
         return friction.damping(newton, speed)
     moving = linear.facts(measured.model, measured.overrides).moving_kg()
@@ -334,9 +342,10 @@ def joint(
 ) -> joint_fit.JointFit:  # fmt: skip
     """Fits all responses of an axis simultaneously by joint_fit.joint().
 
-    If the model is rejected, the function repeats the fit with dampers for the measured friction of
-    guide and gear. `paths_of` are the folders of the responses. Raises Refusal `friction` if there
-    is friction under the workpiece, or if a model with dampers does not explain the responses.
+    If the model is rejected, repeats the fit with dampers for the measured friction of guide and
+    gear. `paths_of`: folders of the responses. Raises a Refusal with the name `friction` if there
+    is friction between the workpiece and its table, or if the model with dampers does not explain
+    the responses.
     """
     found = joint_fit.joint(model, priors, measured, over, states=states)
     about = [recorded_friction(path, str(model), {}) for path in paths_of]

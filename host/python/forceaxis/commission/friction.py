@@ -1,17 +1,17 @@
 """Measures the dry friction of an axis before the frequency responses of the axis are measured.
 
-`glide` drives the axis out of contact with constant codes in both directions. The speed is
-proportional to the code minus a dead zone, and the dead zone is the friction of guide and gear in
-codes. `record_slow_change` changes the force in contact slowly from the smallest to the largest one
-and back. The position shows the compliance between these forces. If the position differs between
-rising and falling force, the workpiece has friction on its table. `directions` computes the
-difference of the codes for rising and falling force at the same measured force, which is the
-friction of guide and gear in contact.
+glide() moves the axis out of contact with constant DAC codes in both directions. The speed is
+proportional to the code minus a dead zone. This dead zone is the friction of guide and gear in DAC
+codes. record_slow_change() presses, and changes the force slowly from the smallest to the largest
+force and back. The position then shows the compliance between these forces. If the position at a
+rising force differs from that at a falling force, there is friction between the workpiece and its
+table. directions() compares the DAC codes at a rising and at a falling force, at the same measured
+force. Their difference is due to the friction of guide and gear in contact.
 
-For a noise whose speed has the standard deviation s, Coulomb friction of F newtons acts like a
-damper of sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input
-Describing Functions, 2.3). This damping is large at small amplitudes and small at large ones. A
-response is therefore valid for its own amplitude only.
+If the axis moves with a random speed of standard deviation s, Coulomb friction of F newtons acts
+like a damper with the damping sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde,
+Multiple-Input Describing Functions, 2.3). This damping is large at a small amplitude and small at a
+large amplitude. A measured response is therefore valid only for its own amplitude.
 """
 
 import itertools
@@ -27,59 +27,68 @@ from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
-# Constants of glide(), the motion out of contact:
-TRAVEL_SHARE = 0.85  # share of the permitted travel that the motion uses in each direction
-# Durations in s: longest recording, shortest recording, start phase with a speed that changes.
+# The following constants belong to glide(), the motion out of contact.
+TRAVEL_SHARE = 0.85  # fraction of the permitted travel that the motion uses in each direction
+# Durations in s: longest recording, shortest recording, and time in which the speed still changes.
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.06, 0.05
-# ratio of the DAC code of the slower motion to the DAC code of the faster motion
+# DAC code of the slower motion, divided by the DAC code of the faster motion.
 SMALLER_CODE_SHARE = 0.6
-SMALLEST_CODE = 2  # DAC codes of the faster motion, below which there is no slower one
-# A DAC code is large enough if the axis would move by this multiple of the travel in one recording.
+# if the DAC code of the faster motion is not above this value, there is no slower motion
+SMALLEST_CODE = 2
+# A DAC code is large enough if the axis would move by this many times the travel in one recording.
 ENOUGH_TRAVELS = 1.2
-# Time in s between two reads of the position. A motion ends at this multiple of the travel.
+# POSITION_POLL_S: time in s between two reads of the position.
+# TRAVELS_MAX: a motion ends after this many times the travel.
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
-MOTION_MIN_CNT = 6  # smallest change of the position in encoder counts that is a motion
-DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone in DAC codes that is treated as friction
-# Amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone.
+# a smaller change of the position, in encoder counts, is not regarded as a motion
+MOTION_MIN_CNT = 6
+DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone, in DAC codes, is not regarded as friction
+# With a noise of this many times the dead zone as its amplitude, the axis slides most of the time.
 NOISE_SLIDES = 2.5
 
-# Constants of record_slow_change(), which changes the force slowly: duration in s and number of
-# samples of the rise of the force, and the same of its fall
+# The following constants belong to record_slow_change(), which changes the force slowly.
+# LEG_S and LEG_SAMPLES: duration in s and number of samples while the force rises.
+# The same values apply while the force falls.
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
-# Above this relative force error, friction has stopped an axis without integral action.
+# If the relative force error is above this value, friction has stopped an axis without integral
+# action.
 FORCE_ERROR_MIN = 0.06
 
-# Constants of slow_loading(), for compliance and friction under the workpiece:
-# number of samples of a block, which the mean of the samples replaces
+# The following constants belong to slow_loading(), which finds compliance and friction under the
+# workpiece.
+# BLOCK_SAMPLES: number of samples of a block, which are replaced by their mean.
 BLOCK_SAMPLES = 20
-FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
-# Ratio of the compliance between two forces to the compliance at the two forces.
-# The workpiece is soft above this ratio.
+FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
+# Largest compliance between two forces, divided by the compliance at these two forces.
+# Above this ratio, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
-# Smallest relative decrease of the error of the predicted position with which friction is accepted.
+# Friction is accepted if it decreases the error of the predicted position at least by this
+# fraction.
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
-# Smallest ratio of half of the force range to the friction under the workpiece.
-# The workpiece slides only above this ratio.
+# Half of the force range divided by the friction under the workpiece.
+# Above this ratio, the workpiece slides.
 SLIDE_FACTOR = 1.2
 
-# Constants of directions(), for the friction of guide and gear while the axis is in contact:
-# Smallest ratio of the slope of the force in a block of samples to the mean slope.
-# A block with a larger slope belongs to a motion.
+# The following constants belong to directions(), which finds the friction of guide and gear in
+# contact.
+# Slope of the force in a block of samples, divided by the mean slope.
+# If this ratio is larger, the block belongs to a motion.
 SLOPE_MIN_SHARE = 0.3
-# smallest number of blocks of a motion; waiting time in s at the end of a motion
+# Smallest number of blocks of a motion, and waiting time in s at the end of a motion.
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
-# The dead zone is treated as friction only if the dead zone exceeds three bounds.
-# The bounds are multiples of the standard error, of one DAC code and of the codes for the speed.
+# A dead zone is regarded as friction only if it exceeds three bounds.
+# These bounds are multiples of its standard error, of one DAC code, and of the codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)
 class Glide:
-    """Friction of the axis out of contact: dead zone and difference between the two directions of
-    motion in DAC codes. `rate` is the speed in counts/s for each DAC code beyond the dead zone."""
+    """Friction of the axis out of contact. It has the dead zone in DAC codes, and the difference
+    between the two directions of motion in DAC codes. `rate` is the speed in counts/s for each DAC
+    code beyond the dead zone."""
 
     dead_zone: float
     difference: float
@@ -92,18 +101,19 @@ class Glide:
 
     @property
     def noise_codes(self) -> int:
-        """Returns the amplitude in DAC codes of a noise with which the axis slides most of the
-        time, or 0 without friction."""
+        """Returns the amplitude of the noise, in DAC codes, with which the axis slides most of the
+        time. Returns 0 if there is no friction."""
         return math.ceil(NOISE_SLIDES * self.dead_zone) if self.rubs else 0
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Friction of guide and gear from a slow change of the force.
+    """Friction of guide and gear, computed from a recording in which the force changes slowly.
 
-    `dead_zone`: half of the difference in DAC codes between falling and rising force at the same
-    measured force, less the codes for the speed. `error`: standard error of `dead_zone`. `speed`:
-    DAC codes for the speed. `least`: True if `dead_zone` is a lower bound.
+    `dead_zone`: half of the difference between the DAC codes at rising and at falling force, at the
+    same measured force, without the codes that the speed needs. `error`: standard error of
+    `dead_zone`. `speed`: DAC codes that the speed needs. `least`: True if `dead_zone` is only a
+    lower bound.
     """
 
     dead_zone: float
@@ -120,13 +130,15 @@ class Directions:
 
 @dataclass(frozen=True)
 class SlowLoading:
-    """Compliance and friction from a slow change between two forces.
+    """Compliance and friction, computed from a recording in which the force changes slowly between
+    two forces.
 
-    `friction_N`: friction under the workpiece (0 if not measurable; a lower bound if `sticks`, when
-    the workpiece never slides). `compliance` and `sliding` in counts/N: compliance of what always
-    moves, and of what moves only after the friction is overcome. `softest`: ratio of the largest
-    compliance between the two forces to the compliance at the two forces. `softest_N`: force in N
-    with the largest compliance.
+    `friction_N`: friction in N between the workpiece and its table, or 0 if it cannot be measured.
+    `sticks`: True if the workpiece never slides; `friction_N` is then a lower bound. `compliance`:
+    compliance in counts/N of the parts that always move. `sliding`: compliance in counts/N of the
+    parts that move only after the friction is overcome. `softest`: largest compliance between the
+    two forces, divided by the compliance at the two forces. `softest_N`: force in N at which the
+    compliance is largest.
     """
 
     friction_N: float
@@ -137,7 +149,7 @@ class SlowLoading:
     softest: float
     low_N: float
     high_N: float
-    way: int  #: counts
+    way: int  #: change of the position in encoder counts
 
     @property
     def rubs(self) -> bool:
@@ -150,15 +162,16 @@ class SlowLoading:
 
 @dataclass(frozen=True)
 class FrictionSummary:
-    """Dry friction that was measured together with a response, as the entry "friction" of a
-    summary. None means that the quantity was not measured.
+    """Dry friction that was measured together with a response. It is the entry "friction" of the
+    summary of the response. None means that a quantity was not measured.
 
-    rubs: whether dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
-    DAC codes and in N. glide, directions, slow: results of the motion out of contact, of the
-    difference of the codes for rising and falling force, and of the slow change of the force.
-    workpiece_N: friction under the workpiece; workpiece_slides: whether the workpiece slid during
-    the response. left_N: measured force in N with a target of 0 N. why: reason why the force was
-    not changed slowly, or "". lines: the [[friction]] elements that the model lacks, as TOML.
+    rubs: True if dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
+    DAC codes and in N. glide: result of the motion out of contact. directions: result of the
+    comparison of the DAC codes at rising and falling force. slow: result of the slow change of the
+    force. workpiece_N: friction in N between the workpiece and its table. workpiece_slides: True if
+    the workpiece slid while the response was measured. left_N: measured force in N at a target
+    force of 0 N. why: reason why the force was not changed slowly, or "". lines: the [[friction]]
+    elements that have to be added to the model, as TOML text.
     """
 
     rubs: bool
@@ -183,21 +196,21 @@ class MovingObjects:
 
 
 class _TooFast(Exception):
-    """Exception: with this DAC code the axis moves through the travel too fast for a measurement of
-    the speed."""
+    """Exception: with this DAC code, the axis is so fast that its speed cannot be measured within
+    the travel."""
 
 
 def damping(friction_N: float, speed_rms: float) -> float:
-    """Returns the damping in N s/m that reduces a noisy motion of `speed_rms` m/s as much as the
-    dry friction does."""
+    """Returns the damping in N s/m that has the same effect as dry friction on a random motion with
+    the rms speed `speed_rms` in m/s."""
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
 def first_code(most: int, travel: int, rate: float) -> int:
-    """Returns the DAC code with which glide() begins: an eighth of `most`, or less if an axis with
-    the speed `rate` in counts/s per DAC code would cover `travel` counts to both sides before its
-    speed is measured."""
-    fastest = 2 * TRAVEL_SHARE * travel / (SETTLED_S + RECORD_MIN_S)  # counts/s
+    """Returns the DAC code with which glide() begins. It is at most an eighth of `most`. It is
+    smaller if the axis would otherwise leave the travel of `travel` counts to both sides before its
+    speed is measured. `rate`: speed of the axis in counts/s per DAC code."""
+    fastest = 2 * TRAVEL_SHARE * travel / (SETTLED_S + RECORD_MIN_S)  # largest speed in counts/s
     return max(SMALLEST_CODE, int(min(most // 8, fastest / abs(rate) if rate else math.inf)))
 
 
@@ -211,15 +224,15 @@ def glide(
 ) -> Glide:
     """Measures the friction out of contact.
 
-    The Analyzer's axis is owned, disabled and at rest; at the end, the axis is disabled at the
-    start position. `most`: largest DAC code of an axis that slides. `first`: first code.
-    `highest`: largest code of an axis that does not slide yet, by default 16 times `most`.
-    `newton`: force in N per DAC code, 0 if unknown.
+    The axis of the Analyzer must be owned by this program, disabled and at rest. At the end, it is
+    disabled at its start position. `most`: largest DAC code for an axis that slides. `first`: DAC
+    code of the first motion. `highest`: largest DAC code for an axis that does not slide yet, by
+    default 16 times `most`. `newton`: force in N per DAC code, or 0 if it is unknown.
 
-    The code is increased until the axis slides through the travel, and decreased
-    if it covers the travel too soon in one of the directions. Raises Refusal if no code is slow
-    enough, if the axis does not slide, if its speed does not grow with the code, or if it comes
-    into contact.
+    The DAC code is increased until the axis slides through the travel. If the axis is too fast in
+    one direction, the code is decreased. Raises Refusal in these cases: the axis is too fast with
+    every code, the axis does not slide, its speed does not increase with the code, or the axis
+    comes into contact.
     """
     start = analyzer.axis.integer("position")
     low, high = analyzer.objects.position_min, analyzer.objects.position_max
@@ -238,7 +251,7 @@ def glide(
     most = max(SMALLEST_CODE, most)
     highest = max(SMALLEST_CODE, highest or min(16 * most, 2048))
     code = max(SMALLEST_CODE, first)
-    too_fast = 0  # the last code at which the axis covered the travel too soon
+    too_fast = 0  # last DAC code with which the axis was too fast
     try:
         while True:
             try:
@@ -286,11 +299,11 @@ def glide(
 
 
 def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
-    """Returns the friction from (DAC code, speed in counts/s) of the motions, of which the first
-    has the largest code. Raises Refusal."""
+    """Computes the friction from several motions. `rows` has a pair (DAC code, speed in counts/s)
+    for each motion, and the first motion has the largest code. Raises Refusal."""
     (code, forward), smaller = rows[0], math.floor(SMALLER_CODE_SHARE * rows[0][0])
     if len(rows) < 4:
-        # The smaller DAC code is within the dead zone and becomes the new dead zone.
+        # The smaller DAC code is within the dead zone, so it is taken as the dead zone.
         width, shift, rate = float(smaller), 0.0, forward / (code - smaller)
     else:
         codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
@@ -309,8 +322,8 @@ def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
 
 
 def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
-    """Returns the speed in counts/s with a constant DAC code from one end of the travel to the
-    opposite end, or None if the axis does not move."""
+    """Moves the axis with a constant DAC code from one end of the travel toward the other end.
+    Returns the speed in counts/s, or None if the axis does not move."""
     axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
@@ -349,11 +362,11 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
 def record_slow_change(
     analyzer: Analyzer, low_N: float, high_N: float
 ) -> tuple[Samples, Samples, Samples]:
-    """Records (measured force in N, position in counts, DAC codes), (n,) each.
+    """Records three signals: measured force in N, position in encoder counts, and DAC codes.
 
-    During the recording, the axis presses and the force changes from `low_N` to `high_N` and back.
-    The axis then releases the force. Raises Refusal if the axis moves farther than the order's
-    travel.
+    During the recording, the axis presses, and its force changes from `low_N` to `high_N` and back.
+    Then the axis releases the force. Raises Refusal if the axis moves farther than the travel that
+    the request permits.
     """
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
@@ -390,11 +403,13 @@ def record_slow_change(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """Returns the friction of guide and gear from a recording of record_slow_change().
+    """Computes the friction of guide and gear from the signals that record_slow_change() has
+    recorded.
 
-    `rate` is the speed in counts/s per DAC code that remains after force and friction. If `rate` is
-    0 (unknown), the dead zone is a lower bound from the codes at standstill after the rise and
-    after the fall, because integral action and noise reduce the difference of these codes.
+    Part of the DAC code produces the force and overcomes the friction. `rate` is the speed in
+    counts/s for each remaining DAC code, or 0 if it is unknown. In this case, the dead zone is
+    computed from the codes at standstill, after the rise and after the fall of the force. It is
+    only a lower bound, because integral action and noise reduce the difference of these codes.
     """
     F, x, c = (block_means(values) for values in (force, place, codes))
     step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
@@ -408,7 +423,7 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
     solved = np.linalg.lstsq(table[moves], wanted[moves], rcond=None)[0]
     more = (wanted - table[:, :2] @ solved[:2]) * np.sign(
         solved[1]
-    )  # DAC codes in addition to the DAC codes that produce the measured force
+    )  # DAC codes in addition to those that produce the measured force
     if not rate:
         leg, held = len(F) // 2, round(HELD_S / step_s)
         rose, fell = more[leg - held : leg], more[-held:]
@@ -423,14 +438,15 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
 
 
 def block_means(values: Samples) -> Samples:
-    """Returns the means of blocks of BLOCK_SAMPLES samples, (blocks,)."""
+    """Returns the mean of each block of BLOCK_SAMPLES samples."""
     whole = len(values) // BLOCK_SAMPLES * BLOCK_SAMPLES
     return np.asarray(values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1))
 
 
 def play_operator(force: Samples, half: float) -> Samples:
-    """Returns the force in N, (n,), that is transmitted through Coulomb friction of `half` N (play
-    operator). Before the first sample, the friction slid in the positive direction."""
+    """Returns the force in N that is transmitted if Coulomb friction of `half` N acts against
+    `force` (play operator). Before the first sample, the friction slid in the positive
+    direction."""
     left, now = np.empty(len(force)), force[0] - half
     for i, one in enumerate(force):
         now = min(max(now, one - half), one + half)
@@ -439,8 +455,9 @@ def play_operator(force: Samples, half: float) -> Samples:
 
 
 def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
-    """Returns compliance and friction from a recording of record_slow_change(). `rigid` is the
-    compliance in counts/N of the model's elements between encoder and workpiece, 0 if unknown."""
+    """Computes compliance and friction from the signals that record_slow_change() has recorded.
+    `rigid`: compliance in counts/N of the elements of the model between encoder and workpiece, or 0
+    if it is unknown."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
@@ -462,7 +479,7 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
-    # Friction is accepted only if the positions at rising and at falling force clearly differ.
+    # Friction is accepted only if the positions at rising and falling force clearly differ.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
     sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
@@ -477,8 +494,8 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
-    """Returns (force in N with the largest compliance, ratio of this compliance to the larger
-    compliance at the two end forces)."""
+    """Returns two numbers: force in N at which the compliance is largest, and this compliance
+    divided by the larger one of the compliances at the two end forces."""
     edges = np.linspace(low, high, FORCE_BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2
     slopes = np.array([

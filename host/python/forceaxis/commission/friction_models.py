@@ -1,8 +1,8 @@
-"""Models of an axis with the dry friction that was measured on the axis.
+"""Adds the dry friction that was measured on an axis to a model of the axis.
 
-In a model file, friction is a [[friction]] element. Frequency responses are linear, so a damper
-replaces the friction in the model of `damped`, and the size of the damper is fitted for each
-response (see module friction). `toml_lines` are the elements to add to a model.
+In a model file, dry friction is a [[friction]] element. Frequency responses are linear. Therefore
+damped() replaces each friction by a damper, whose damping is fitted for each response (see
+forceaxis.commission.friction). toml_lines() returns the [[friction]] elements to add to a model.
 """
 
 import re
@@ -19,9 +19,9 @@ from forceaxis.linear import working
 
 MOVING, TABLE = "guide_friction", "table_friction"
 NAME = re.compile(r"[A-Za-z_]\w*")
-# keys of a model file whose texts are not names of parameters
+# Keys of a model file whose text values are not names of parameters.
 TEXT_KEYS = ("name", "between", "title", "unit", "source")
-# a value of a model file in TOML
+# A value in a model file.
 Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 
 
@@ -37,18 +37,19 @@ class FrictionElement:
 
     @property
     def damping(self) -> str:
-        """Returns the name of the damper's parameter in a model from `damped`."""
+        """Returns the name of the parameter of the damper that replaces this friction in a model
+        from damped()."""
         return f"b_{self.name}"
 
 
 def frictions_of(
     model: str | Path, moving_N: float, workpiece_N: float
 ) -> tuple[FrictionElement, ...]:
-    """Returns the frictions of a model: a total of `moving_N` between the body of the drive and the
-    counterpart of this body, and `workpiece_N` between workpiece and ground.
+    """Returns the friction elements of a model. Their total force is `moving_N` between the body of
+    the drive and its counterpart, and `workpiece_N` between workpiece and ground.
 
-    Frictions that the model declares stay where they are; the measured force is divided in
-    proportion to the declared values.
+    Friction elements that the model already has stay where they are. The measured force is divided
+    among them in proportion to their forces in the model.
     """
     tables, facts = model_file.read(model), linear.facts(model)
     work = tables.workpiece
@@ -71,18 +72,18 @@ def frictions_of(
 
 
 def of_workpiece(model: str | Path, one: FrictionElement) -> bool:
-    """Returns True if a friction acts between workpiece and ground."""
+    """Returns True if a friction element is between workpiece and ground."""
     return model_file.read(model).workpiece in one.between
 
 
 def at_both_ends(
     model: str | Path, found: tuple[FrictionElement, ...]
 ) -> tuple[FrictionElement, ...]:
-    """Returns the frictions for `damped`.
+    """Returns the friction elements for damped().
 
-    With a transmission between the drive's body and the body in contact, the measurement cannot
-    assign the friction to one side. Each side then receives half of the friction, unless the model
-    has friction on both sides.
+    If there is a transmission between the body of the drive and the body in contact, the
+    measurement cannot show on which side of the transmission the friction acts. Each side then gets
+    half of the friction, unless the model has friction on both sides.
     """
     contact, drive = model_file.read(model).contact, linear.facts(model).required_drive
     if contact is None or contact.between[0] == drive.body:
@@ -102,8 +103,8 @@ def at_both_ends(
 
 
 def toml_lines(found: tuple[FrictionElement, ...]) -> str:
-    """Returns the [[friction]] elements that the model lacks as TOML, or "" if the model has all
-    elements."""
+    """Returns the [[friction]] elements that have to be added to the model, as TOML text. Returns
+    "" if the model already has all of them."""
     return "\n".join(
         f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
         f"coulomb = {rub.newton:.4g}\n"
@@ -113,7 +114,7 @@ def toml_lines(found: tuple[FrictionElement, ...]) -> str:
 
 
 def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """Returns the text of the model with the measured friction. The paths in the text are valid in
+    """Returns the text of the model with the measured friction. File paths in the text are valid in
     any folder."""
     edits = []
     for one in found:
@@ -127,8 +128,8 @@ def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
 
 
 def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """Returns the text of the model with a damper in place of each friction. Each damping is 0, as
-    for an axis that slides without friction."""
+    """Returns the text of the model with a damper in place of each friction element. Each damping
+    is 0, which means an axis without friction."""
     document = model_file.document(model)
     document.pop("friction", None)
     parameters = document.setdefault("parameters", tomlkit.table())
@@ -144,8 +145,9 @@ def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
 
 
 def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path) -> str:
-    """Returns the text of a changed model without the parameters that only the frictions of the
-    earlier `model` used, because a model with an unused parameter is invalid."""
+    """Returns the text of a changed model without unused parameters, because a model with an unused
+    parameter is invalid. These are parameters that only the friction elements of the earlier
+    `model` used."""
     candidates = _names_in([[f.coulomb, f.stiction] for f in model_file.read(model).frictions])
     parameters = document.setdefault("parameters", tomlkit.table())
     others = _names_in({key: part for key, part in document.items() if key != "parameters"})
@@ -157,7 +159,7 @@ def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path
 
 
 def _names_in(part: Part) -> set[str]:
-    """Returns all words of a model's table that can be names of parameters."""
+    """Returns all text values in a table of a model that can be names of parameters."""
     if isinstance(part, Mapping):
         return _names_in([v for key, v in part.items() if key not in TEXT_KEYS])
     if isinstance(part, str):

@@ -1,10 +1,9 @@
-"""Searches for the dry friction of an axis, before the responses are
-measured.
+"""Searches for the dry friction of an axis before its frequency responses are measured.
 
-As in a tuning, constant codes in both directions measure the friction of guide and gear out of
-contact, and a slow change of the force measures the friction of a workpiece on its table. If the
-axis is not measured out of contact, the friction of guide and gear follows from the difference of
-the codes for rising and falling force at the same measured force.
+Out of contact, the axis moves with constant DAC codes in both directions, which shows the friction
+of guide and gear. In contact, the force is changed slowly, which shows the friction between the
+workpiece and its table. If the axis is not measured out of contact, the friction of guide and gear
+is computed from the DAC codes at rising and falling force, at the same measured force.
 """
 
 import math
@@ -18,23 +17,26 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# Force at which the slow change of the force starts, as a share of the smallest measured force.
+# Force at which the slow change of the force starts, divided by the smallest force of the
+# responses.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
-# relative force error at which friction may have stopped an axis without integral action
+# Relative force error that is permitted, because friction may stop an axis without integral action.
 FORCE_TOLERANCE = 0.2
-LEFT_SAMPLES = 750  # half a second
-# names of the Refusals of the slow change after which the measurement continues
+LEFT_SAMPLES = 750  # number of samples of a recording, which lasts half a second
+# Names of the Refusals after which the measurement continues without the slow change of the force.
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
 
 
 @dataclass(frozen=True)
 class FoundFriction:
-    """The dry friction that a search has found; None means not known or not measured.
+    """The dry friction that a search has found. None means that a quantity is not known or was not
+    measured.
 
-    `moving_N`: friction of guide and gear. `table_N`: friction under the workpiece. `glide`,
-    `slow`, `directions`: results of the motion out of contact, of the slow change of the force, and
-    of the difference of the DAC codes for rising and falling force. `left_N`: measured force with a
-    target of 0 N. `lines`: the [[friction]] elements that the model lacks, as TOML.
+    `moving_N`: friction of guide and gear in N. `table_N`: friction in N between the workpiece and
+    its table. `glide`: result of the motion out of contact. `slow`: result of the slow change of
+    the force. `directions`: result of the comparison of the DAC codes at rising and falling force.
+    `left_N`: measured force in N at a target force of 0 N. `lines`: the [[friction]] elements that
+    have to be added to the model, as TOML text.
     """
 
     moving_N: float | None = None
@@ -60,8 +62,8 @@ class FoundFriction:
 
 
 class FrictionSearch:
-    """Searches for dry friction with an Analyzer. `model` is the path of the model that converts
-    DAC codes to newtons, or "" without a model."""
+    """Searches for dry friction with an Analyzer. `model`: path of the model with which DAC codes
+    are converted to N, or "" if there is no model."""
 
     def __init__(
         self, analyzer: Analyzer, model: str = "", overrides: linear.Overrides | None = None
@@ -71,15 +73,16 @@ class FrictionSearch:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            # The search has no model, because this model does not define the size of a DAC code.
+            # This model does not define the size of a DAC code, so it cannot be used.
             self.model = ""
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
     def apart(self) -> FoundFriction:
-        """Searches for friction before the response out of contact is measured, because the
-        amplitude of the response has to make the axis slide. Raises Refusal."""
+        """Searches for friction before the response out of contact is measured. The result is
+        needed for the amplitude of the excitation, with which the axis has to slide. Raises
+        Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
@@ -93,20 +96,20 @@ class FrictionSearch:
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
-        """Searches for friction before the responses in contact are measured, by a slow change of
-        the force between the given forces in N."""
+        """Searches for friction before the responses in contact are measured. The force is changed
+        slowly between the smallest and the largest of `forces`, in N."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
         low = LOWEST_FORCE_SHARE * min(forces)
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
-            return self.found  # The measurement of the response raises the same Refusal.
+            return self.found  # the later measurement of the response raises the same Refusal
         try:
             high = min(high, most)
             # The axis may stick at a measured force below the force set-point.
             analyzer.order = replace(analyzer.order, within=FORCE_TOLERANCE)
             force, place, codes = friction.record_slow_change(analyzer, low, high)
-            analyzer.wait(friction.LEG_S * low / (high - low))  # to a target of 0
+            analyzer.wait(friction.LEG_S * low / (high - low))  # waits until the target force is 0
         except Refusal as refusal:
             if refusal.name not in SKIPPING_REFUSALS or (
                 refusal.name == "contact" and not analyzer.axis.read("contact")
@@ -153,8 +156,8 @@ class FrictionSearch:
         return self.found
 
     def expect_sliding(self, level: Level) -> None:
-        """Raises Refusal if the noise of a response never overcame the friction of guide
-        and gear."""
+        """Raises Refusal if the excitation of a response never overcame the friction of guide and
+        gear."""
         dead_zone = self.found.dead_zone
         if level.amplitude > dead_zone:
             return
@@ -172,7 +175,7 @@ class FrictionSearch:
 
 
 def summary(found: FoundFriction, level: Level) -> friction.FrictionSummary:
-    """Returns the entry about friction for the file of a response."""
+    """Returns the entry "friction" for the summary of a response."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
     table = (found.table_N or 0.0) if not apart else 0.0
