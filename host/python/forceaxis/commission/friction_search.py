@@ -17,8 +17,7 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# Force at which the slow change of the force starts, divided by the smallest force of the
-# responses.
+# The slow change of the force starts at the smallest force of the responses, times this factor.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # Relative force error that is permitted, because friction may stop an axis without integral action.
 FORCE_TOLERANCE = 0.2

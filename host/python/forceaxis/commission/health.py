@@ -1,12 +1,13 @@
-"""Health of an axis: compares a measurement of today with the measurement at the release of the
-axis, and finds the parameter that has changed.
+"""Tests the health of an axis. A measurement of today is compared with the measurement when the
+axis was released. The result names the parameter that has changed.
 
 found = health(HealthOrder("press/model.toml", [Path("today.npz")], Path("posterior.json")))
 found.healthy, found.p_value, found.moved
 
-The change of each parameter alone is tested by its score. The tests of all parameters, and one that
-finds changes of any other kind, are corrected together (Holm, Scandinavian Journal of Statistics 6,
-1979), so that an unchanged machine is refused at most as often as stated.
+A score test is made for the change of each parameter alone. One more test finds changes of any
+other kind. The p values of all tests are corrected for their number (Holm, Scandinavian Journal of
+Statistics 6, 1979). An unchanged machine is therefore rejected at most with the probability
+`level`.
 """
 
 import math
@@ -35,33 +36,36 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings import signal_recording
 
 LEVEL = 0.05
-# Smallest change of a parameter's logarithm that today's measurement must be able to detect.
+# A parameter is tested only if the measurement of today can detect this change of its logarithm.
 TOLD_CHANGE = 0.5
-# Largest decrease of twice the log likelihood at which another parameter explains the change
-# nearly as well as the best one.
+# Another parameter explains the change nearly as well as the best one if the difference of twice
+# their log likelihoods is below this value.
 ALIKE_BELOW = 6.0
-CHANGE_MAX_LOG = math.log(5)  # largest change of a parameter that is searched
-ITERATIONS = 12  # evaluations of a fit
+CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
+ITERATIONS = 12  # largest number of evaluations in a fit
 STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
-# Largest number of parameters that are named as changed.
-# The second number is the share of the first one's chi-square that a further one must explain.
+# MOVED_MAX: largest number of parameters that the result names as changed.
+# SHARE_MIN: each further parameter must decrease chi-square at least by this fraction of the
+# decrease by the first one.
 MOVED_MAX, SHARE_MIN = 3, 0.02
-# smallest share of the information on a parameter that no other parameter explains
+# Smallest fraction of the information about a parameter that remains when other parameters may
+# change too.
 LEAST_SHARE = 1e-6
 STEP_LOG = 1e-4
-# Factor of the variance of a sum over neighbouring frequencies because of the window "hann".
-# The window correlates their errors by 2/3 and 1/6: 1 + 2 (2/3 + 1/6).
+# With the window "hann", the variance of a sum over neighbouring frequencies is larger by this
+# factor.
+# The window causes the correlations 2/3 and 1/6 between their errors: 1 + 2 (2/3 + 1/6) = 8/3.
 HANN_FACTOR = 8 / 3
 
 
 @dataclass(frozen=True)
 class HealthOrder:
-    """The data to compare: the model of the machine, the measurements of today, and those of the
-    release.
+    """The request for a health test. It has the model of the machine, the measurements of today,
+    and the measurements when the machine was released.
 
-    `today`: recordings of touch-downs, or the folder of one measurement; `released`: a
-    posterior, or the folder of a measurement. `level`: largest
-    probability of refusing an unchanged machine.
+    `today`: recordings of touch-downs, or the folder of one measured response. `released`: file of
+    a posterior, or the folder of a measured response. `level`: largest probability with which an
+    unchanged machine is rejected.
     """
 
     model: str
@@ -73,9 +77,10 @@ class HealthOrder:
 
 @dataclass(frozen=True)
 class ParameterHealth:
-    """The test of one parameter. `change`: factor by which it has changed if it alone has changed,
-    with its 95 % interval. `p`: probability of such a change of an unchanged machine, corrected for
-    the number of tests. `told`: False if today's measurement does not tell the parameter."""
+    """The test of one parameter. `change`: factor by which the parameter has changed, if no other
+    parameter has changed. `interval`: 95 % interval of this factor. `p`: probability that an
+    unchanged machine shows such a change, corrected for the number of tests. `told`: False if the
+    measurement of today does not determine the parameter."""
 
     change: float
     interval: tuple[float, float]
@@ -85,10 +90,11 @@ class ParameterHealth:
 
 @dataclass(frozen=True)
 class Health:
-    """The health of an axis. `kind`: "contact" or "response". `p_value`: probability of a change
-    at least as large of an unchanged machine. `moved`: parameters that have moved, the clearest
-    first; `alike`: others whose change explains the measurement nearly as well as that of the first
-    one. `other_p`: p value of what remains after their change, corrected as well."""
+    """The health of an axis. `kind`: "contact" or "response". `p_value`: probability that an
+    unchanged machine shows a change that is at least as large. `moved`: parameters that have
+    changed, beginning with the clearest change. `alike`: other parameters whose change explains the
+    measurement nearly as well as the change of the first parameter in `moved`. `other_p`: corrected
+    p value of the difference that remains after the changes in `moved`."""
 
     kind: str
     model: str
@@ -105,9 +111,10 @@ class Health:
 
 @dataclass(frozen=True)
 class _Tests:
-    """Tests of k parameters: the changes of their logarithms, one parameter at a time, with their
-    deviations, and the decrease of chi-square by each, (k,) each. A machine changes a little from
-    day to day, so that the `deviation` has a least value."""
+    """Tests of all parameters. Each array has one element for each parameter. `size`: change of the
+    logarithm of the parameter, if it changes alone. `deviation`: standard deviation of `size`. It
+    has a smallest value, because a machine changes a little from day to day. `gain`: decrease of
+    chi-square by the change."""
 
     size: Floats
     deviation: Floats
@@ -115,31 +122,32 @@ class _Tests:
 
     @property
     def p(self) -> Floats:
-        """Returns for each parameter the probability that an unchanged machine shows a change at
-        least as large, (k,)."""
+        """Returns for each parameter the probability that an unchanged machine shows a change that
+        is at least as large."""
         score = np.minimum(self.gain, (self.size / self.deviation) ** 2)
         return np.asarray(special.chdtrc(1, np.maximum(score, 0.0)))
 
     @property
     def told(self) -> NDArray[np.bool_]:
-        """Returns an array with True for each parameter that the measurement of today determines,
-        (k,)."""
+        """Returns for each parameter True if the measurement of today determines it."""
         return np.asarray(TOLD_CHANGE / self.deviation > special.ndtri(0.975))
 
 
 class _Change(Protocol):
-    """Base class: likelihood of today's measurement for changes of the parameters."""
+    """Interface of a comparison of the measurement of today with the release: the likelihood of the
+    measurement of today depends on changes of the parameters."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Returns the names of the k parameters."""
+        """Returns the names of the parameters."""
 
     def tests(self, chosen: Sequence[int]) -> _Tests:
-        """Returns the test of each parameter, in addition to changes of the `chosen` parameters."""
+        """Returns the test of each parameter. In these tests, the parameters with the indices
+        `chosen` may change too."""
 
     def other_p(self, chosen: Sequence[int]) -> float:
-        """Returns the p value of the difference that remains after changes of the `chosen`
-        parameters."""
+        """Returns the p value of the difference that remains after the best changes of the
+        parameters with the indices `chosen`."""
 
 
 def health(order: HealthOrder) -> Health:
@@ -176,7 +184,7 @@ def health(order: HealthOrder) -> Health:
 
 
 def _holm(values: Sequence[float]) -> Floats:
-    """Returns p values that are corrected for their number (Holm), in the same order."""
+    """Corrects p values for their number by the method of Holm. Returns them in the same order."""
     order = np.argsort(values)
     steps = np.array([(len(values) - i) * values[at] for i, at in enumerate(order)])
     found = np.empty(len(values))
@@ -185,8 +193,9 @@ def _holm(values: Sequence[float]) -> Floats:
 
 
 def _moved(change: _Change, level: float) -> list[int]:
-    """Returns the parameters that have changed. Each next one is the parameter whose change
-    explains most of the remaining difference, as long as it explains a considerable share of it."""
+    """Returns the indices of the parameters that have changed. They are found one after another:
+    the next parameter is the one whose change explains most of the remaining difference. The search
+    ends if it explains only a small fraction (SHARE_MIN)."""
     chosen: list[int] = []
     first = 0.0
     while len(chosen) < MOVED_MAX:
@@ -203,8 +212,9 @@ def _moved(change: _Change, level: float) -> list[int]:
 
 @dataclass(frozen=True)
 class _LinearChange:
-    """A change as a normal likelihood: `slope` is its derivative at no change, (k,), `information`
-    the negative second one, (k, k). `p`: p value of the measurement of today alone."""
+    """A comparison whose likelihood is a normal distribution of the changes. `slope`: first
+    derivatives of the log likelihood at no change, one for each parameter. `information`: matrix of
+    the negative second derivatives. `p`: p value of the measurement of today alone."""
 
     names: tuple[str, ...]
     slope: Floats
@@ -226,9 +236,9 @@ class _LinearChange:
 
 
 class _ResponseChange:
-    """A change between two frequency responses. A change of parameters multiplies the released
-    response by the ratio of two responses of the model, so a model error that is the same on both
-    days has no effect."""
+    """A comparison of two frequency responses. The effect of changed parameters is computed as the
+    ratio of two responses of the model, by which the released response is multiplied. A model error
+    that is the same on both days therefore has no effect."""
 
     def __init__(self, today: Measurement, released: Measurement, priors: dict[str, Prior]) -> None:
         self.today, self.released = today, released
@@ -240,7 +250,9 @@ class _ResponseChange:
         self.known: dict[tuple[int, ...], tuple[Floats, float]] = {}
 
     def residuals(self, chosen: Sequence[int], logs: Floats) -> Floats:
-        """Returns the residuals of real and imaginary part in deviations, (2 n,)."""
+        """Returns the residuals of the real parts, followed by those of the imaginary parts, in
+        standard deviations. `logs`: changes of the logarithms of the parameters with the indices
+        `chosen`."""
         at = self.centre.copy()
         at[list(chosen)] += logs
         ratio = self.responses.predictions(at)[0] / self.exact
@@ -248,7 +260,8 @@ class _ResponseChange:
         return np.concatenate([left.real, left.imag])
 
     def fitted(self, chosen: Sequence[int]) -> tuple[Floats, float]:
-        """Returns the most likely logarithms of the `chosen` parameters, and chi-square."""
+        """Returns the most likely changes of the logarithms of the parameters with the indices
+        `chosen`, and their chi-square."""
         key = tuple(chosen)
         if key not in self.known:
             before = self.fitted(key[:-1])[0] if key else np.zeros(0)
@@ -289,8 +302,8 @@ class _ResponseChange:
 
 
 def _of_touch_downs(order: HealthOrder) -> _LinearChange:
-    """Returns the change from a released posterior to the touch-downs of today, by a normal
-    approximation of both."""
+    """Compares the touch-downs of today with a released posterior. Both are approximated by normal
+    distributions."""
     model = str(linear.find_model(order.model))
     read = posterior.read(order.released)
     facts = linear.facts(model, order.held)
@@ -319,7 +332,8 @@ def _of_touch_downs(order: HealthOrder) -> _LinearChange:
     across = square[:size, size:]
     today = square[:size, :size] - across @ np.linalg.solve(square[size:, size:], across.T)
     off = point[:size] - centre
-    # The maximum of today's likelihood is beside the mode, where the slope of the prior is not 0.
+    # At the mode, the slope of the prior is not 0.
+    # The maximum of the likelihood of today is elsewhere.
     pulled = today @ off + off / problem.spread[:size] ** 2
     joint = np.eye(size) + today @ log_covariance(read.table)
     information = np.linalg.solve(joint, today)
@@ -334,7 +348,7 @@ def _values(priors: dict[str, Prior]) -> dict[str, float]:
 
 
 def _of_responses(order: HealthOrder) -> _ResponseChange:
-    """Returns the change from a released frequency response to that of today."""
+    """Compares the frequency response of today with the released frequency response."""
     model = str(linear.find_model(order.model))
     if len(order.today) != 1:
         raise InputError(
@@ -350,14 +364,15 @@ def _of_responses(order: HealthOrder) -> _ResponseChange:
 
 
 def _variance(measured: Measurement) -> Floats:
-    """Returns the variance of a response, enlarged for tests with sums over frequencies: the
-    variance itself was estimated from few residuals, and a window correlates neighbours."""
+    """Returns the variance of a response, increased for tests with sums over frequencies. There are
+    two reasons: the variance was estimated from few residuals, and the window correlates
+    neighbouring frequencies."""
     factor = HANN_FACTOR if measured.window == "hann" else 1.0
     return np.asarray(measured.variance * factor * measured.dof / max(measured.dof - 2, 0.5))
 
 
 def _expect_same(today: Measurement, released: Measurement, order: HealthOrder) -> None:
-    """Raises InputError for two responses that cannot be compared."""
+    """Raises InputError if two responses cannot be compared."""
     same = len(today.frequency_hz) == len(released.frequency_hz) and np.allclose(
         today.frequency_hz, released.frequency_hz
     )

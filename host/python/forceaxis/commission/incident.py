@@ -1,8 +1,8 @@
 """Reads an incident from the black box of an axis, writes the incident to a file, and reads
 incident files.
 
-A file is one JSON document: version, state of the axis, its parameters, and the samples with the
-CRC-32 that the axis computed over them.
+An incident file is one JSON document. It contains the file version, the state of the axis, its
+parameters, the recorded samples, and the CRC-32 that the axis has computed from these samples.
 """
 
 import dataclasses
@@ -33,23 +33,23 @@ if TYPE_CHECKING:
 Samples = NDArray[np.float64]
 
 VERSION = 1
-#: Signals that firmware/app/incident.c records in each tick.
+#: signals that the black box records in each tick (firmware/app/incident.c)
 SIGNALS = (
     "position", "profile_position", "force_raw", "force_demand", "dac_code", "statusword",
     "limit_reason", "digital_inputs",
 )  # fmt: skip
 STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
-# longest time in s until the axis has completed the recording of an incident and the CRC
+# Longest time in s until the axis has completed the recording of an incident and its CRC.
 COMPLETE_TIMEOUT_S = 5.0
-FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
+FULL_SCALE_BITS = 8  # a force count is a count of an ADC with this number of bits
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 
 @dataclass(frozen=True)
 class ForceParameters:
-    """The parameters of the measured force. Forces are in 8-bit counts, `force_scale` is in uN per
-    count, `rated_force` in mN. `force_max` is 0 without a limit."""
+    """Parameters of the axis that concern the measured force. Forces are in 8-bit counts.
+    `force_scale` is in uN per count, `rated_force` in mN. `force_max` is 0 if there is no limit."""
 
     adc_bits: int
     force_zero_code: int
@@ -62,23 +62,23 @@ class ForceParameters:
 
     @property
     def count_N(self) -> float:
-        """Returns the force of one count in N."""
+        """Returns the force in N of one 8-bit count."""
         return self.force_scale * 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class IncidentAbout:
-    """Facts about an error in addition to its recording. `parameters` is {object: raw value} at
-    the time when the incident was read."""
+    """Data about an error, in addition to the recorded samples. `parameters`: {object: raw value}
+    at the time when the incident was read from the axis."""
 
     where: str
-    fetched: str  #: date and time at which the incident was read, ISO 8601
+    fetched: str  # : date and time at which the incident was read from the axis, by ISO 8601
     fault: str
     error_code: str
     tick: int
     later: int  #: number of later errors
     kept: bool  #: True if the incident is older than the last restart of the axis
-    table: str  #: hash of the object table
+    table: str  # : hash of the object table of the axis
     parameters: dict[str, int]
     archived: bool = False  #: True if a power cut occurred after the incident
 
@@ -91,23 +91,24 @@ class Incident(IncidentAbout):
 
     @property
     def force(self) -> ForceParameters:
-        """The parameters of the measured force."""
+        """The parameters that concern the measured force."""
         names = object_names(ForceParameters)
         values = {name: from_raw(name, self.parameters[name]) for name in names}
         return from_json(ForceParameters, values, self.where)
 
     def column(self, name: str) -> NDArray[np.int64]:
-        """Returns the raw samples of a signal, (n,)."""
+        """Returns the raw samples of a signal."""
         return self.recording.raw[:, self.recording.signals.index(name)]
 
     @property
     def time_ms(self) -> Samples:
-        """Returns the time in ms from the tick of the error, (n,)."""
+        """Returns the time of each sample in ms from the tick of the error."""
         return self.recording.time_s * 1e3
 
     @property
     def force_N(self) -> Samples:
-        """Returns the measured force in N, (n,), with zero, sign and tare applied."""
+        """Returns the measured force in N for each sample. Zero code, sign and tare are taken into
+        account."""
         p = self.force
         scale = 2.0 ** (FULL_SCALE_BITS - p.adc_bits)
         counts = (self.column("force_raw") - p.force_zero_code) * scale * p.force_sign
@@ -115,8 +116,8 @@ class Incident(IncidentAbout):
 
     @property
     def travel(self) -> Samples:
-        """Returns the position in encoder counts relative to the position at the error, (n,),
-        without a step at an overflow of the encoder count."""
+        """Returns the position of each sample in encoder counts, relative to the position at the
+        error. An overflow of the encoder count causes no step."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return np.asarray(way - way[self.recording.trigger_sample])
@@ -137,8 +138,8 @@ class BlackBoxObjects:
 
 @dataclass(frozen=True)
 class ArchiveObjects:
-    """The object that shows if the axis saved an incident before a power cut. The object is valid
-    with and without a present fault."""
+    """The object that shows whether the axis has saved an incident before a power cut. The object
+    is valid with and without a present fault."""
 
     incident_stored: str
     fault: str
@@ -146,8 +147,8 @@ class ArchiveObjects:
 
 @dataclass(frozen=True)
 class IncidentObjects:
-    """The incident in the black box: fault, CANopen error code, tick, number of later errors, and
-    CRC-32 of the samples."""
+    """Objects about the incident in the black box: fault, CANopen error code, tick, number of
+    further errors, and CRC-32 of the samples."""
 
     incident_fault: str
     incident_error_code: str | int
@@ -157,16 +158,16 @@ class IncidentObjects:
 
 
 def wait(axis: Axis, seconds: float) -> None:
-    """Waits for an incident until the clock of the axis has advanced by `seconds`.
-    Raises NoAnswer."""
+    """Waits until the black box contains an incident. Raises NoAnswer after `seconds` by the clock
+    of the axis."""
     axis.wait_for(
         BlackBoxObjects, lambda s: s.blackbox_state in INCIDENT_STATES, "an incident", seconds
     )
 
 
 def _load(axis: Axis) -> bool:
-    """Commands the axis to load the incident that was saved before a power cut. Returns True if a
-    saved incident exists."""
+    """Lets the axis load an incident that it has saved before a power cut. Returns True if there is
+    such an incident."""
     found = axis.wait_for(
         ArchiveObjects, lambda s: s.incident_stored != "checking", "its archive", 5.0
     )
@@ -185,9 +186,9 @@ BOARD_OBJECTS = (
 
 
 def fetch(axis: Axis) -> Incident:
-    """Reads the incident of an axis that is owned. This is the incident in the black box, or
-    otherwise the incident that was saved before a power cut. Raises Refused if there is no
-    incident, and NoAnswer."""
+    """Reads the incident of an axis that this program owns. If the black box contains no incident,
+    reads the incident that was saved before a power cut. Raises Refused if there is no incident,
+    and NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_TIMEOUT_S)
     state = axis.text("blackbox_state")
@@ -227,19 +228,19 @@ def fetch(axis: Axis) -> Incident:
 
 
 def clear(axis: Axis) -> None:
-    """Deletes the incident in the black box. The black box then records again."""
+    """Deletes the incident in the black box, so that the black box records again."""
     axis.set(incident_command="clear")
 
 
 def packed(recording: Recording) -> bytes:
-    """Returns the samples of an incident in the byte format of the axis."""
+    """Returns the samples of an incident as bytes, in the format in which the axis stores them."""
     row = struct.Struct("<" + "".join(STRUCT_FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
 
 def write(incident: Incident, folder: Path, figure: "Figure") -> None:
-    """Writes incident.json and incident.png to `folder`, either both files or no file. The function
-    creates the folder. Raises OSError."""
+    """Writes incident.json and incident.png to `folder`, which is created if necessary. Writes
+    either both files or no file. Raises OSError."""
     recording = incident.recording
     known = {
         f.name: getattr(incident, f.name)
@@ -259,7 +260,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Returns True if a file begins as an incident file does."""
+    """Returns True if the beginning of a file is that of an incident file."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')
@@ -286,7 +287,8 @@ def load(path: Path) -> Incident:
         recording = Recording(tuple(samples), raw.astype(np.int64), 1, trigger)
         incident = Incident(recording, **vars(about))
         is_right = zlib.crc32(packed(incident.recording)) == crc
-        _ = incident.force_N  # this value needs the parameters of the measured force
+        # this call checks that the file has the parameters of the measured force
+        _ = incident.force_N
     if version != VERSION:
         raise InputError(
             f"{path}: expected an incident file of version {VERSION}, got version {version}"
@@ -300,14 +302,15 @@ def load(path: Path) -> Incident:
 
 
 def is_enabled(statusword: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Returns True for each tick in the state operation enabled, (n,)."""
+    """Returns for each tick True if the statusword shows the state "operation enabled"."""
     state = next(s for s in STATUS_STATES if s.text == "operation enabled")
     return np.asarray((statusword & state.mask) == state.value)
 
 
 def source_of(incident: Incident, path: Path) -> ArraySource:
-    """Returns the signals of an incident in `path` as a source of a recording: force and demand in
-    N, travel in encoder counts, whether the drive is enabled, and the raw samples."""
+    """Returns the signals of an incident as a source from which a recording can be imported. The
+    signals are force and demanded force in N, travel in encoder counts, whether the drive is
+    enabled, and the raw samples. `path`: the incident file."""
     demand_N = incident.column("force_demand") * incident.force.rated_force * 1e-6
     raw = {name: incident.column(name) for name in incident.recording.signals}
     table = {
@@ -322,8 +325,8 @@ def source_of(incident: Incident, path: Path) -> ArraySource:
 
 
 def missing(incident: Incident) -> list[str]:
-    """Returns the names of the quantities that a replay needs in addition to the samples of the
-    incident."""
+    """Returns the names of the quantities that are needed to replay the incident, in addition to
+    its samples."""
     enabled = is_enabled(incident.column("statusword")[: incident.recording.trigger_sample])
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:
@@ -335,11 +338,11 @@ def missing(incident: Incident) -> list[str]:
 
 
 def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
-    """Returns the plot over the time in ms from the error: force in N with `force_max`, travel in
-    mm or encoder counts, and DAC code.
+    """Returns the plot of an incident over the time in ms from the error. It shows the force in N
+    with `force_max`, the travel in mm or encoder counts, and the DAC code.
 
-    The first column shows the whole recording, the second column shows NEAR_MS before and after the
-    error.
+    The first column of the plot shows the whole recording. The second column shows only NEAR_MS
+    before and after the error.
     """
     import matplotlib.pyplot as plt
 

@@ -1,5 +1,5 @@
-"""Possible causes of an incident: changes of the sensors, as further unknowns of the likelihood,
-and changes of the plant, as further elements of the model."""
+"""Possible causes of an incident. A change of a sensor is an additional unknown of the likelihood.
+A change of the plant is an additional element of the model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,16 +22,18 @@ from forceaxis.design import model_file
 from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
-# Largest deviation of a parameter's logarithm if the machine was released without a posterior.
-# The machine is then assumed to have been as its model says.
+# If the machine was released without a posterior, the standard deviation of the logarithm of a
+# parameter is at most this value.
+# In this case, the machine is assumed to agree with its model.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
 FORCE_MIN_N = 1.0  # smallest force from which start values of a changed plant are computed
-# Prior standard deviations of a gain, of the encoder scale and of the position of the workpiece.
+# Prior standard deviations of the gain of a sensor, of the encoder scale, and of the position of
+# the workpiece.
 GAIN_DEVIATION, SCALE_DEVIATION, PLACE_DEVIATION_M = 0.5, 0.3, 5e-3
 COMMAND = "command"
-CHANGED = "changed_"  # prefix of a parameter of the model with a cause
-# Key of [drive] to which the force or the speed of each type of drive is proportional.
+CHANGED = "changed_"  # prefix of the names of parameters that a cause adds to the model
+# {type of drive: key of the table [drive] to which its force or speed is proportional}
 DRIVE_KEYS = {
     "dc_motor": "k_preamp_cmd", "first_order": "velocity_per_volt", "perfect": "force_per_volt",
     "torque": "current_per_volt", "velocity": "velocity_per_volt",
@@ -46,9 +48,10 @@ Document = tomlkit.TOMLDocument
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause to try. `unknowns`: changed numbers of the sensors; `starts`: start values of them in
-    deviations. `element`: change of the plant. `released`: {number: value of the released machine}.
-    `slip_at`: step at which the encoder slips. `count`: number of fitted numbers."""
+    """A possible cause of an incident. `unknowns`: unknown numbers of a changed sensor. `starts`:
+    start values for the fit of these unknowns, in standard deviations. `element`: change of the
+    plant. `released`: {name of a fitted number: its value in the released machine}. `slip_at`: time
+    step of the plant at which the encoder slips. `count`: number of fitted numbers."""
 
     name: str
     text: str
@@ -62,8 +65,9 @@ class Cause:
 
 @dataclass(frozen=True)
 class FittedCause:
-    """A cause, the problem in which it was fitted, the most likely point, its cost, and the text of
-    the model with the cause, "" for the released model."""
+    """The result of the fit of a cause: the problem in which the cause was fitted, the most likely
+    point, and its cost. `model_text`: text of the model with the cause, or "" if the model is that
+    of the released machine."""
 
     cause: Cause
     problem: IncidentProblem
@@ -72,7 +76,7 @@ class FittedCause:
     model_text: str = ""
 
     def values(self) -> dict[str, float]:
-        """Returns the fitted constants of the cause in SI units, by name."""
+        """Returns the fitted numbers of the cause, as {name: value in SI units}."""
         found = dict(zip(self.problem.names, np.exp(self.point).tolist(), strict=False))
         for unknown in self.cause.unknowns:
             found[unknown.kind] = float(self._number(unknown, self.point))
@@ -97,7 +101,7 @@ class FittedCause:
 
 
 def descended(problem: IncidentProblem, point: Floats) -> tuple[Floats, float]:
-    """Returns the most likely point near a point, and its cost."""
+    """Searches the most likely point, beginning at `point`. Returns the point and its cost."""
     point, _ = searching.descend(problem, point, ITERATIONS, BEND)
     return searching.descend(problem, point, ITERATIONS)
 
@@ -109,9 +113,10 @@ def _named(document: Document, kind: str, name: str) -> Any:
 
 
 class Released:
-    """The recorded second as the released machine explains it, and the causes to try.
+    """Compares the recorded second before a fault with the released machine. Fits the released
+    machine, and possible causes of the incident.
 
-    `names`: parameters that were released with an uncertainty. Raises InputError.
+    `names`: parameters of the released machine that are uncertain. Raises InputError.
     """
 
     def __init__(
@@ -129,8 +134,8 @@ class Released:
         )
 
     def _slack(self, released: Path | None) -> tuple[tuple[str, ...], Slack, dict[str, float]]:
-        """Returns the names of the uncertain parameters, how they change the second, and their
-        most likely values."""
+        """Returns three values: names of the uncertain parameters, their effect on the residuals of
+        the recorded second (a Slack), and their most likely values."""
         if released is None:
             known = priors(self.path, (), (), self.held)
             own = {n: p for n, p in known.items() if n not in self.held}
@@ -151,7 +156,8 @@ class Released:
     def changed(
         self, cause: Cause, path: Path, own: dict[str, Prior] | None = None
     ) -> IncidentProblem:
-        """Returns the problem of a cause with the model of a file. `own`: priors of its numbers."""
+        """Returns the likelihood problem of a cause. `path`: model file that contains the cause.
+        `own`: priors of the parameters that the cause adds to the model."""
         drops = cause.element.drops if cause.element else ()
         held = {name: value for name, value in self.held.items() if name not in drops}
         return IncidentProblem(
@@ -159,8 +165,8 @@ class Released:
         )
 
     def fitted(self, cause: Cause, folder: Path) -> FittedCause:
-        """Returns a cause with its most likely numbers, from the best of its starts. `folder`: for
-        the file of a model."""
+        """Fits the numbers of a cause, beginning with the best of its start values. `folder`:
+        folder to which the model file with the cause is written."""
         if cause.element is None:
             problem = self.changed(cause, self.path)
             points = [self._begun(problem, (start,)) for start in cause.starts]
@@ -182,8 +188,8 @@ class Released:
         return FittedCause(cause, problem, *descended(problem, point), text)
 
     def again(self, fit: FittedCause) -> FittedCause:
-        """Returns a fit that begins at another one, with the changes that the released parameters
-        make in the plant of its cause instead of the released plant."""
+        """Repeats the fit of a cause, beginning at the result `fit`. The effect of the uncertain
+        parameters is now computed for the plant with this cause, instead of the released plant."""
         old = fit.problem
         free = {name: Prior(value, 1.0) for name, value in self.centre.items()}
         drops = fit.cause.element.drops if fit.cause.element else ()
@@ -208,7 +214,8 @@ class Released:
         return replace(fit, problem=problem, point=point, cost=cost)
 
     def _begun(self, problem: IncidentProblem, start: tuple[float, ...]) -> Floats:
-        """Returns the point at which a fit begins: that of the released machine with `start`."""
+        """Returns the point at which a fit begins. It is the point of the released machine, with
+        the start values `start`."""
         point = problem.centre.copy()
         known = dict(zip(self.problem.unknowns, self.fit.point.tolist(), strict=True))
         for i, unknown in enumerate(problem.unknowns, len(problem.names)):
@@ -218,13 +225,15 @@ class Released:
         return point
 
     def parameters(self, fit: FittedCause) -> dict[str, float]:
-        """Returns the uncertain parameters of the released machine that belong to a fit."""
+        """Returns the most likely values of the uncertain parameters of the released machine, for
+        the fit of a cause."""
         logs = fit.problem.slack_logs(fit.problem.residuals(fit.point[None]))[0]
         return {name: self.centre[name] * float(np.exp(log))
                 for name, log in zip(self.names, logs, strict=True)}  # fmt: skip
 
     def causes(self) -> list[Cause]:
-        """Returns all causes to try, except the cause that only a command explains the incident."""
+        """Returns all possible causes to fit, except the one that the released machine has only
+        followed its command."""
         scales = contact_elements.Scales(self.problem, self.fit.point)
         expected = self.problem.predict(self.fit.point[None]).force
         scales.force_N = max(scales.force_N, float(np.ptp(expected)), FORCE_MIN_N)
@@ -247,9 +256,9 @@ class Released:
         return found
 
     def _place(self) -> Cause:
-        """Returns the cause that the workpiece is at another place. Start values of this place: the
-        place of the first contact, or the farthest place that the axis reached without a
-        contact."""
+        """Returns the cause "the workpiece is at another position". The fit begins at the position
+        of the first contact. Without a contact, it begins at the farthest position that the axis
+        has reached."""
         touch, known = self.data.touches[0], float(self.problem.places[0])
         assert touch.position is not None
         reached = float(np.interp(touch.onset, touch.position.at, touch.position.values))
@@ -261,8 +270,8 @@ class Released:
         )  # fmt: skip
 
     def _slip(self) -> Cause:
-        """Returns the cause that the encoder loses counts at one instant: the sample at which a
-        single step explains the residuals of the position best."""
+        """Returns the cause "the encoder loses counts at one instant". This instant is the sample
+        at which a single step explains the residuals of the position best."""
         problem = self.problem
         predicted = problem.predict(self.fit.point[None])
         weight = problem.position.spread**-2
@@ -278,8 +287,8 @@ class Released:
         return replace(cause, slip_at=float(problem.position.low[at]), count=2)
 
     def _stiffness(self) -> list[Cause]:
-        """Returns the cause that the workpiece has another stiffness: that of the spring behind the
-        contact, or of the contact itself."""
+        """Returns the cause "the workpiece has another stiffness". This is the stiffness of the
+        spring behind the contact, or of the contact itself."""
         tables = model_file.read(self.path)
         behind = [s for s in tables.springs if tables.workpiece and tables.workpiece in s.between]
         kind, name = ("spring", behind[0].name) if behind else ("contact", tables.contacts[0].name)
@@ -293,8 +302,9 @@ class Released:
     def _key(
         self, cause: str, text: str, where: tuple[str, str, str], factors: tuple[float, ...]
     ) -> list[Cause]:
-        """Returns the cause "another value" for a key (kind, name, key) of the model, or no cause
-        if the key has no single value above 0."""
+        """Returns the cause "a value of the model has changed" for one key. `where`: kind of the
+        element, its name, and the key. Returns no cause if the key does not have a single value
+        above 0."""
         kind, name, key = where
         given = _named(model_file.document(self.path), kind, name).get(key)
         known = linear.facts(str(self.path), self.held).parameters
@@ -320,7 +330,7 @@ def _sensor(name: str, text: str, unknown: Unknown, starts: tuple[float, ...]) -
 
 
 def log_covariance(samples: Floats) -> Floats:
-    """Returns the covariance of the logarithms of samples (n, k), (k, k), with the least deviation
-    that a machine has from day to day."""
+    """Returns the covariance matrix of the logarithms of samples, which have one row for each
+    sample. The day-to-day variation of a machine is added."""
     found = np.atleast_2d(np.cov(np.log(samples), rowvar=False))
     return np.asarray(found + POSTERIOR_SPREAD_MIN**2 * np.eye(len(found)))

@@ -1,14 +1,14 @@
-"""Explains an incident: which change of plant, sensor or command reproduces the second before the
-fault best.
+"""Explains an incident. Finds the change of plant, sensor or command that reproduces the last
+second before the fault best.
 
 found = explain(incident, ExplainOrder("press/model.toml"))
 found.result.causes[0].name, found.result.causes[0].changes
 
-The recorded codes are the input of the simulated plant. Each cause has up to three numbers, which
-are fitted together with the parameters of the released machine, within their uncertainty. The rank
-is the decrease of chi-square, less ln n for each number of the cause, where n is the number of
-samples (Schwarz, The Annals of Statistics 6, 1978). In contrast to the evidence of Laplace it needs
-no prior for the size of a change, which is not known.
+The recorded DAC codes are the input of the simulated plant. Each possible cause has up to three
+unknown numbers. These are fitted together with the uncertain parameters of the released machine.
+The causes are ranked by the decrease of chi-square minus ln n for each number of the cause, where n
+is the number of samples (Schwarz, The Annals of Statistics 6, 1978). In contrast to a Laplace
+approximation of the evidence, this rank needs no prior for the size of a change, which is unknown.
 """
 
 import json
@@ -33,11 +33,17 @@ from forceaxis.results import to_json
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Largest difference in rank from the best cause at which another cause is called possible.
-# It is a factor of 150 in the probability (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995).
+# Another cause is called possible if its rank differs from that of the best cause by less than this
+# value.
+# This difference is a factor of 150 in the probability (Kass and Raftery, J.
+# Am.
+# Stat.
+# Assoc.
+# 90, 1995).
 POSSIBLE_BELOW = 10.0
-# Largest difference in rank from the best cause at which another cause is fitted once more.
-# The second fit uses the derivatives of the plant with this cause.
+# A cause is fitted once more if its rank differs from that of the best cause by less than this
+# value.
+# The second fit uses the derivatives for the plant with this cause.
 AGAIN_BELOW = 50.0
 SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
@@ -46,8 +52,9 @@ FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
 
 @dataclass(frozen=True)
 class CauseChange:
-    """A number that a cause changes, in SI units: the most likely value with its 95 % interval.
-    `released`: the value of the released machine, or None where it has no such number."""
+    """A number that a cause changes, in SI units. It has the most likely value and its 95 %
+    interval. `released`: value in the released machine, or None if the released machine has no such
+    number."""
 
     name: str
     unit: str
@@ -58,9 +65,9 @@ class CauseChange:
 
 @dataclass(frozen=True)
 class TriedCause:
-    """A cause with its changes. `gain`: decrease of chi-square against the released machine, less
-    the penalty. `below`: how much less that is than that of the best cause. `p`: p value of the
-    recorded second. `verdict`: "explains", "possible", "incomplete" or "ruled out"."""
+    """A cause that was fitted, with its changes. `gain`: decrease of chi-square, compared with the
+    released machine, minus the penalty. `below`: gain of the best cause minus this gain. `p`: p
+    value of the recorded second. `verdict`: "explains", "possible", "incomplete" or "ruled out"."""
 
     name: str
     text: str
@@ -73,11 +80,12 @@ class TriedCause:
 
 @dataclass(frozen=True)
 class Explanation:
-    """The causes of an incident, the most likely first. `ticks`: number of ticks that were
-    compared. `touch_s`: time of the touch before the fault, or None without a touch, and the speed
-    of the axis then, or at the fault. `explained`: False if no cause reproduces the recorded second
-    (p below 0.001). `repeats`: True if the experiment with the best cause has the same fault, None
-    without an experiment."""
+    """The possible causes of an incident, sorted with the most likely first. `ticks`: number of
+    ticks that were compared. `touch_s`: time in s from the first contact to the fault, or None if
+    there was no contact. The speed is that of the axis at this contact or, without a contact, at
+    the fault. `explained`: False if no cause reproduces the recorded second (p below 0.001).
+    `repeats`: True if the experiment with the best cause has the same fault. None if there is no
+    such experiment."""
 
     where: str
     fault: str
@@ -94,8 +102,8 @@ class Explanation:
 
 @dataclass(frozen=True)
 class ExplainOrder:
-    """The inputs of an explanation: the model of the released machine with overrides, and
-    optionally the file of its posterior."""
+    """The request for an explanation: the model of the released machine, overrides of its
+    parameters, and optionally the file of its posterior."""
 
     model: str
     posterior: Path | None = None
@@ -104,9 +112,9 @@ class ExplainOrder:
 
 @dataclass(frozen=True)
 class Explained:
-    """The explanation together with the data for its picture: the fits of the causes, the best
-    first, and of the released machine. `files`: {name: text} of the model and the experiment that
-    repeat the incident."""
+    """The explanation, and the data for its plot: the fits of the causes, sorted with the best
+    first, and the fit of the released machine. `files`: {file name: text} of a model and an
+    experiment that repeat the incident."""
 
     result: Explanation
     fits: tuple[FittedCause, ...]
@@ -180,8 +188,9 @@ def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
 
 
 def figure(found: Explained) -> "Figure":
-    """Returns the picture of the recorded second: force and position over the time from the fault,
-    measured, of the released machine and with the best cause, and the residuals of both."""
+    """Returns the plot of the recorded second over the time from the fault. It shows the measured
+    force and position, those of the released machine, those with the best cause, and the residuals
+    of both."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, legend, style
@@ -218,7 +227,8 @@ def figure(found: Explained) -> "Figure":
 
 
 def write(found: Explained, folder: Path) -> None:
-    """Writes FILES to a folder, all or none; without an experiment only the first two."""
+    """Writes the files FILES to a folder, either all or none. If there is no experiment, writes
+    only the first two."""
     with paths.replacing(folder, *FILES[:2], *found.files) as (summary, picture, *texts):
         summary.write_text(json.dumps(to_json(found.result), indent=1) + "\n")
         figure(found).savefig(picture, format="png", dpi=120)

@@ -1,8 +1,9 @@
-"""The recorded second before a fault, treated as a touch-down of a machine whose plant or sensors
-may have changed.
+"""The likelihood of the recorded second before a fault. This second is treated as a touch-down of a
+machine whose plant or sensors may have changed.
 
-The recorded codes are the input of the simulated plant. A change of the plant is an element of the
-model, a change of a sensor is a further unknown, so the likelihood is that of `contact_likelihood`.
+The recorded DAC codes are the input of the simulated plant. A change of the plant is an element of
+the model. A change of a sensor is an additional unknown. The likelihood is therefore that of
+forceaxis.commission.contact_likelihood.
 """
 
 from collections.abc import Sequence
@@ -26,37 +27,40 @@ from forceaxis.commission.incident import Incident
 from forceaxis.commission.known import Prior
 from forceaxis.linear.plant_facts import Overrides
 
-# Accuracy in m with which the place of an axis is known that is homed as its model says.
+# Standard deviation in m of the position of an axis that is homed as in its model.
 PLACE_KNOWN_M = 2e-5
-# Smallest excess over contact_force that shows a contact, in deviations of the force without one.
-# The second number is the same excess in steps of the converter; the larger one applies.
+# A force shows a contact if it exceeds contact_force by TOUCH_DEVIATIONS standard deviations of the
+# force without contact.
+# It must also exceed contact_force by TOUCH_STEPS steps of the converter.
 TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
-FREE_TICKS_MIN = 10  # ticks out of contact with which a recorded second has to begin
-REST_TICKS = 4  # number of first ticks from which the speed at the start is computed
+# a recorded second must begin with at least this number of ticks without contact
+FREE_TICKS_MIN = 10
+REST_TICKS = 4  # the speed at the start is computed from this number of ticks
 
 
 @dataclass(frozen=True)
 class Slack:
     """Effect of the uncertain parameters of the released machine on the residuals of the recorded
-    second. `matrix`: derivatives of the residuals by the logarithms of k parameters, (residuals,
-    k); `inverse`: inverse covariance of the logarithms, (k, k)."""
+    second. `matrix`: derivatives of the residuals with respect to the logarithms of the parameters,
+    with one row for each residual. `inverse`: inverse covariance matrix of these logarithms."""
 
     matrix: Floats
     inverse: Floats
 
     def fitted(self, residuals: Floats) -> Floats:
-        """Returns the logarithms of the k parameters that fit n rows of residuals best, relative to
-        the released ones, (n, k)."""
+        """Returns the changes of the logarithms of the parameters that fit the residuals best.
+        `residuals` and the result have one row for each point."""
         square = self.matrix.T @ self.matrix + self.inverse
         return np.asarray(-np.linalg.solve(square, self.matrix.T @ residuals.T).T)
 
 
 class IncidentProblem(ContactProblem):
-    """The second before a fault with the plants and sensors that may have made it. `extra`: further
-    unknowns, of the kinds "gain" and "offset" of the force, "place" (in place of the known one),
-    "scale" and "slip" of the encoder. `slip_at`: step of the plant at which the encoder slips.
-    `slack`: parameters that are released with an uncertainty, of which the best are taken to first
-    order for each point, so that no plant has to be simulated for them."""
+    """The likelihood of the second before a fault, for plants and sensors that may have caused it.
+    `extra`: additional unknowns. Their kinds are "gain" and "offset" of the force sensor, "place"
+    (replaces the known position), and "scale" and "slip" of the encoder. `slip_at`: time step of
+    the plant at which the encoder slips. `slack`: effect of the uncertain parameters of the
+    released machine. For each point, their best values are computed with a linear approximation, so
+    that no additional plant has to be simulated."""
 
     def __init__(
         self,
@@ -73,7 +77,7 @@ class IncidentProblem(ContactProblem):
         every = self.simulate
 
         def different(values: Floats, starts: Floats) -> Floats:
-            # Unknown numbers of the sensors change neither the plant nor its start.
+            # Unknowns of the sensors change neither the plant nor its start values.
             rows = np.concatenate([values, starts.reshape(len(starts), -1)], axis=1)
             _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
             return np.asarray(every(values[first], starts[first])[same.reshape(-1)])
@@ -90,14 +94,15 @@ class IncidentProblem(ContactProblem):
         return [*found, *self.extra]
 
     def changed(self, kind: str, points: Floats, same: float) -> Floats:
-        """Returns a changed number of a sensor for n points, (n,), or `same` without a change."""
+        """Returns an unknown of a sensor for each point. If the problem does not have this unknown,
+        the value is `same`."""
         if any(unknown.kind == kind for unknown in self.extra):
             return self.number(kind, -1, points)
         return np.full(len(points), same)
 
     def number(self, kind: str, touch: int, points: Floats, known: float = 0.0) -> Floats:
-        """Returns an unknown in SI units for n points, (n,). If the encoder has another scale, the
-        axis also is at another place at the start."""
+        """Returns an unknown in SI units for each point. If the encoder has another scale, the axis
+        is also at another position at the start."""
         found = super().number(kind, touch, points, known)
         position = self.data.touches[0].position
         if kind != "place" or position is None:
@@ -106,7 +111,7 @@ class IncidentProblem(ContactProblem):
         return np.asarray(found + float(position.values[0]) * (1 / scale - 1))
 
     def predict(self, points: Floats) -> Predicted:
-        """Simulates the second before the fault for n points, and applies the changes of the
+        """Simulates the second before the fault for each point, and applies the changes of the
         sensors to the signals."""
         found = super().predict(points)
         force = found.force * self.changed("gain", points, 1.0)[:, None]
@@ -135,8 +140,8 @@ class IncidentProblem(ContactProblem):
         return np.concatenate([self.force.scaled(force), self.position.scaled(place)], axis=1)
 
     def residuals(self, points: Floats) -> Floats:
-        """Returns residuals of force, position, prior and released parameters in standard
-        deviations for n points, (n, all)."""
+        """Returns the residuals of force, position, prior and released parameters in standard
+        deviations, with one row for each point."""
         found = super().residuals(points)
         if self.slack is None:
             return found
@@ -144,27 +149,28 @@ class IncidentProblem(ContactProblem):
         return np.concatenate([found, self.slack_logs(found) @ root], axis=1)
 
     def slack_logs(self, residuals: Floats) -> Floats:
-        """Returns the changes of the logarithms of the released parameters that belong to n rows of
-        residuals(), (n, k). At the best ones d, J' r + K d = 0."""
+        """Returns the changes of the logarithms of the released parameters that belong to
+        residuals(), with one row for each point. For the best changes d, J' r + K d = 0."""
         assert self.slack is not None
         matrix, inverse = self.slack.matrix, self.slack.inverse
         return np.asarray(-np.linalg.solve(inverse, matrix.T @ residuals[:, : len(matrix)].T).T)
 
     def residuals_of(self, touch: int, number: int) -> Floats:
-        """Returns an array with True, (1,), because all residuals belong to the only touch-down."""
+        """Returns an array with the single value True, because all residuals belong to the only
+        touch-down."""
         return np.ones(1)
 
 
 def start_place(model: str | Path, held: Overrides) -> float:
-    """Returns the position in m that the encoder of a model has at its start."""
+    """Returns the position in m that the encoder of a model shows at the start."""
     simulated = _core.Contacts(str(model), dict(held), [], [], [np.zeros(1)], 1)
     rows = simulated.run(np.zeros((1, 0)), np.zeros((1, 1, START_VALUES)))
     return float(rows[0, 1, 0])
 
 
 def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactData:
-    """Returns the ticks of an incident until its fault, for the simulation of a model. Raises
-    InputError for a recording that begins in contact."""
+    """Converts the ticks of an incident before its fault to the form that the likelihood needs.
+    Raises InputError if the recording begins in contact."""
     facts = linear.facts(str(model), held)
     used = slice(0, incident.recording.trigger_sample + 1)
     ticks = np.arange(incident.recording.trigger_sample + 1, dtype=float)

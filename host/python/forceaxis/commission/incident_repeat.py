@@ -1,5 +1,5 @@
-"""The experiment that repeats an incident: the released model with a cause, and the parameters and
-the command of the axis."""
+"""Makes an experiment that repeats an incident. It consists of the released model with a cause of
+the incident, and of the parameters and the command of the axis."""
 
 import tempfile
 from collections.abc import Mapping
@@ -22,17 +22,19 @@ from forceaxis.objects import BY_NAME
 from forceaxis.results import JsonObject
 
 MODEL, EXPERIMENT = "model.toml", "experiment.toml"
-LONGER = 1.5  # ratio of the duration of the experiment to the recorded time before the fault
-# Times and controlwords that enable the axis, and that which starts a move of profile position.
+LONGER = 1.5  # duration of the experiment divided by the recorded time before the fault
+# (time in s, controlword) for the commands that enable the axis.
+# The next value is the controlword that starts a move in profile position mode.
 ENABLE_S = ((0.0, 6), (0.002, 7), (0.004, 15))
 START_S = (0.006, 31)
-# Mass and damping of the scale of an encoder that slips: it moves within a tick.
+# Mass and damping of the scale (tape) of an encoder that slips.
+# With these values, the scale moves within a tick.
 SCALE_KG, SCALE_N_S_PER_M = 1e-3, 10.0
 
 
 def files(incident: Incident, released: Released, fit: FittedCause) -> dict[str, str]:
-    """Returns {file name: text} of model and experiment, or none for a mode of operation whose
-    command an incident does not tell."""
+    """Returns {file name: text} of the model and the experiment. Returns no files if the incident
+    does not contain the command of the mode of operation."""
     command = _command(incident)
     if not command:
         return {}
@@ -66,7 +68,7 @@ def files(incident: Incident, released: Released, fit: FittedCause) -> dict[str,
 
 
 def repeats(incident: Incident, texts: Mapping[str, str]) -> bool:
-    """Returns True if the experiment has the fault of the incident."""
+    """Runs the experiment. Returns True if it ends with the same fault as the incident."""
     from forceaxis.experiments.experiment import Experiment
 
     with tempfile.TemporaryDirectory() as folder:
@@ -89,8 +91,8 @@ def _parameters(incident: Incident) -> JsonObject:
 
 
 def _command(incident: Incident) -> JsonObject:
-    """Returns the objects of [firmware] with which the axis gets the same commands as before the
-    fault."""
+    """Returns the table [firmware] of the experiment, with which the axis gets the same commands as
+    before the fault."""
     number = incident.parameters["modes_of_operation"]
     mode = from_raw("modes_of_operation", number)
     used = slice(0, incident.recording.trigger_sample)
@@ -107,8 +109,8 @@ def _command(incident: Incident) -> JsonObject:
 
 
 def _start(document: Any, fit: FittedCause) -> None:
-    """Moves all bodies that move with the drive to their places at the begin of the recorded
-    second."""
+    """Sets the positions of all bodies that move with the drive to those at the beginning of the
+    recorded second."""
     problem = fit.problem
     place = float(problem.number("place", 0, fit.point[None])[0])
     own = dict(zip(problem.names, np.exp(fit.point).tolist(), strict=False))
@@ -119,8 +121,8 @@ def _start(document: Any, fit: FittedCause) -> None:
 
 
 def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[str, Any]]:
-    """Changes the sensors of a model as the cause requires. Returns the events of the experiment
-    for this change."""
+    """Changes the sensors of a model according to the cause. Returns the events that the experiment
+    needs for this change."""
     values = fit.values()
     changed = {unknown.kind: values[unknown.kind] for unknown in fit.cause.unknowns}
     known = released.facts.parameters
@@ -136,7 +138,7 @@ def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[s
         encoder["scale"] = released.facts.required_encoder.scale * changed["scale"]
     if "slip" not in changed:
         return []
-    # The encoder measures its body relative to the scale, so the scale moves in the opposite
+    # The encoder measures the body relative to its scale, so the scale moves in the opposite
     # direction.
     encoder["reference"] = "encoder_tape"
     body = {"name": "encoder_tape", "mass": SCALE_KG}

@@ -1,5 +1,5 @@
-"""Explains an incident in text: applies rules to the recorded signals, and lists the most important
-observations first."""
+"""Explains an incident in words. Rules are applied to the recorded signals. The text begins with
+the most important observation."""
 
 from dataclasses import dataclass
 
@@ -13,22 +13,22 @@ from forceaxis.objects import bits_in, sentence
 from forceaxis.words import counted
 
 TICK_MS = 1e3 / TICKS_PER_S
-SWING_TICKS = 450  # 0.3 s
-NEAR_TICKS = 75  # 50 ms
+SWING_TICKS = 450  # 0.3 s in ticks
+NEAR_TICKS = 75  # 50 ms in ticks
 CLOSE_TICKS = 10
 
-# Bits of board_state (2431h) that report no fault by themselves.
+# Bits of board_state (2431h) that do not indicate a fault by themselves.
 NO_FAULTS = ("clock_internal", "tick_unknown")
 CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 
 @dataclass(frozen=True)
 class IncidentStory:
-    """An incident and the explanation of the incident, in the form of JSON.
+    """An incident and its explanation, in the form for JSON.
 
-    `tick`: tick of the error. `later`: number of later errors. `kept`: True if the incident is
-    older than the last restart. `story`: text lines about the causes of the error, the most
-    important cause first.
+    `tick`: tick of the error. `later`: number of further errors after this one. `kept`: True if the
+    incident is older than the last restart of the axis. `story`: text lines about the causes of the
+    error, beginning with the most important one.
     """
 
     fault: str
@@ -46,7 +46,8 @@ class IncidentStory:
 
 
 def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
-    """Explains an incident in text lines: first the fault, then the events before the fault."""
+    """Explains an incident in text lines. The first line is about the fault, the other lines are
+    about the events before the fault."""
     return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
 
 
@@ -84,8 +85,8 @@ class _Story:
         return [line for line in rules if line]
 
     def meaning(self, fault: str) -> str | None:
-        """Returns an explanation of the fault with the state of the board, or None if the fault has
-        no explanation."""
+        """Returns an explanation of the fault, with the state of the board if this is relevant.
+        Returns None if there is no explanation."""
         text, said = sentence(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
             words = (
@@ -99,7 +100,8 @@ class _Story:
         return text
 
     def motion(self) -> str:
-        """Returns text about the time from enabling to the error and the speed of the axis."""
+        """Returns a text about the time between enabling and the error, and about the speed of the
+        axis."""
         on = self.enabled[:-1]
         if not on.any():
             return "the axis was not enabled in the recorded second"
@@ -132,7 +134,8 @@ class _Story:
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
     def onset(self) -> str | None:
-        """Returns text about time and speed of the last contact before the error."""
+        """Returns a text about the last contact before the error: its time, and the speed of the
+        axis."""
         begins = np.flatnonzero(~self.contact[:-1] & self.contact[1:]) + 1
         if not len(begins):
             return None if self.contact.any() else "no contact in the recorded second"
@@ -175,8 +178,8 @@ class _Story:
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
 
     def still(self) -> str | None:
-        """Returns text about a measured force that does not change although the axis moves in
-        contact or presses, or None if this was not observed."""
+        """Checks if the measured force did not change although the axis moved in contact or
+        pressed. Returns a text about it, or None if this was not observed."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
         if ticks < 5 or not (is_sign or self.contact[-1]):
@@ -211,8 +214,8 @@ class _Story:
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
     def error(self) -> str | None:
-        """Returns text about the difference between set-point and position just before
-        the error."""
+        """Returns a text about the difference between target position and position just before the
+        error."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
         ]
@@ -221,13 +224,13 @@ class _Story:
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
 
     def standing(self) -> str | None:
-        """Returns text about an axis that does not move although the firmware outputs a DAC code,
-        or None if this was not observed."""
+        """Checks if the axis did not move although the firmware output a DAC code. Returns a text
+        about it, or None if this was not observed."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
         if self.contact[-ticks - 1 : -1].any():
-            return None  # An axis that controls a force may be at standstill.
+            return None  # an axis that controls a force may be at standstill
         codes = self.code[-ticks - 1 : -1]
         if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
             return None

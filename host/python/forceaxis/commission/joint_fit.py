@@ -1,16 +1,18 @@
-"""Fits the parameters of a model to all responses of one axis, together with prior knowledge.
+"""Fits the parameters of a model to all frequency responses of one axis, together with prior
+knowledge.
 
     found = joint(model, priors(model, over), [free, at_30_N, at_150_N], over)
     # for a rejected fit instead: found.rejected, found.text
     found.values, found.intervals, found.over
 
-Responses in contact determine only ratios of masses, stiffnesses and the drive's force constant.
-The response out of contact and the priors determine the absolute values as accurately as they are
-known. The remaining uncertainty does not change the force loop of the measured plant, because the
-force law acts from the measured force to the code, and the responses contain the same path. It
-does change the loops of plants with tolerances: a stiffness that is too large by the fit, beside
-another one that is too small, moves the mode of a workpiece of another mass. The plants for which a
-law is designed therefore have what the fit leaves open in addition to the tolerances.
+Responses in contact determine only ratios of masses, stiffnesses and the force constant of the
+drive. The absolute values are determined by the response out of contact and by the priors, and are
+only as accurate as these. The remaining uncertainty does not change the force loop of the measured
+plant, because the measured responses contain the complete path from the DAC code to the measured
+force. But it changes the loops of plants with tolerances. For example, if one stiffness is fitted
+too large and another one too small, the mode of a workpiece with another mass has a wrong
+frequency. Therefore the set of plants for which a force law is designed includes this uncertainty
+in addition to the tolerances.
 """
 
 import itertools
@@ -40,27 +42,31 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# A fit is rejected at this distance from the prior, in standard deviations.
-# The search ends at the distance SEARCH_RANGE, in standard deviations.
+# A fit is rejected if a parameter is farther from its prior than PRIOR_DISTANCE_MAX, in standard
+# deviations.
+# The search is limited to the distance SEARCH_RANGE, in standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
-# Number of start values of each nearly unknown parameter, and of frequencies of the antiresonance.
-# The search begins at the best SEARCHES_MAX points of this grid of start values.
+# GRID_POINTS: number of start values of each nearly unknown parameter.
+# ANTIRESONANCES: number of start frequencies of the antiresonance.
+# SEARCHES_MAX: number of best points of this grid from which a search begins.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# Largest logarithm of (frequency of a spectral line / frequency of the limiting mode).
+# Spectral lines are near the limiting mode if the logarithm of their frequency ratio is at most
+# this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
-# Differences of the logarithms of a parameter between two forces:
-# largest difference that one plant can explain, smallest difference that is a change.
+# LEVEL_DISTANCE_MAX_LOG: largest difference of the logarithm of a parameter between two forces that
+# one plant can explain.
+# LEVEL_CHANGE_LOG: a smaller difference is not regarded as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """Test that tells if a model explains one response.
+    """The test whether a model explains one measured response.
 
     `name`: "apart" or "in contact". `points`: number of frequencies. `modes`: {element: state} in
     which the model is linearised. `p`: probability that chi-square is at least as large for a
@@ -77,11 +83,11 @@ class ResponseScore:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSummary:
-    """The result of joint() in the form of JSON.
+    """The result of joint() in the form for JSON.
 
-    Most fields are None for a rejected fit. `order`: parameters of the rows of the correlation
-    matrix. `why`: reason of the rejection as text. `set`: the values as options of the command
-    line.
+    Most fields are None for a rejected fit. `order`: names of the parameters, in the order of the
+    rows of the correlation matrix. `why`: reason for the rejection as text. `set`: the values as
+    options of the command line.
     """
 
     model: str = ""
@@ -112,23 +118,25 @@ class JointFit:
     best: Values
     chi2: float
     dof: int
-    levels: list[ResponseScore]  #: one for each response
-    problem: "Responses"  #: the fitted responses; `at` are the logarithms of the values `best`
+    levels: list[ResponseScore]  #: test of each response
+    # : the fitted responses; `at` contains the logarithms of the values `best`
+    problem: "Responses"
     at: Samples
-    rejected: str | None = None  #: reason of the rejection in one word: prior, chi2 or coherence
-    text: str = ""  #: reason as text
+    rejected: str | None = None  # : reason for the rejection in one word: prior, chi2 or coherence
+    text: str = ""  #: reason for the rejection as text
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
-    intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
-    #: {"a/b" or "a*b": (value, low, high)} of parameter pairs with a small uncertainty
+    intervals: dict[str, tuple[float, float]] | None = None  #: 95 % intervals
+    #: {"a/b" or "a*b": (value, low, high)} for pairs of parameters whose quotient or product is
+    #: accurate
     ratios: dict[str, tuple[float, float, float]] | None = None
     #: correlation matrix; rows and columns in the order of the names in `best`
     correlation: Samples | None = None
     plants: plant_set.PlantSet | None = None  #: the plants for which a force law is designed
     limiting_hz: float | None = None
-    #: for each response {parameter: value} of the parameters that only this response has
+    #: for each response: {parameter: value} of the parameters that belong only to this response
     own: list[Values] = field(default_factory=list)
-    #: True if each force has parameters of its own.
-    #: `values` is then the mean, and the ranges contain the values of all forces.
+    #: True if the parameters differ between the forces.
+    #: `values` are then mean values, and the ranges contain the values of all forces.
     levels_differ: bool = False
 
     @property
@@ -143,7 +151,7 @@ class JointFit:
         return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 
     def summary(self) -> JointSummary:
-        """Returns the fit in the form of JSON."""
+        """Returns the result in the form for JSON."""
         summary = JointSummary(
             model=self.model, best=self.best, order=tuple(self.best), chi_square=self.chi2,
             dof=self.dof, p_value=self.p, responses=tuple(self.levels),
@@ -161,7 +169,8 @@ class JointFit:
 
 @dataclass(frozen=True)
 class Minimum:
-    """The result of a search: logarithms of the parameters, and half of the sum of squares."""
+    """The result of a search: logarithms of the best parameters, and half of the sum of squares of
+    the residuals."""
 
     x: Samples
     cost: float
@@ -169,16 +178,17 @@ class Minimum:
 
 @dataclass
 class Responses:
-    """The responses of one axis as residuals that depend on the logarithms of the parameters."""
+    """The measured responses of one axis, and the model that is fitted to them. Computes residuals
+    for given logarithms of the parameters."""
 
     model: str
     priors: dict[str, Prior]
     measured: list[Measurement]
-    # {element: state} in which the model is linearised, for each response
+    # for each response: {element: state} in which the model is linearised
     modes: list[States] = field(default_factory=list)
-    # one dictionary for each response: {parameter: name of this parameter in the priors}
+    # for each response: {parameter: name of this parameter in the priors}
     own: list[dict[str, str]] = field(default_factory=list)
-    # relative error of the model for each response
+    # for each response: relative error of the model
     errors: list[float] = field(default_factory=list)
     # {element: state} in which the model is linearised for all responses in contact
     states: States = field(default_factory=dict)
@@ -190,7 +200,8 @@ class Responses:
         self.centre: Samples = np.log([p.value for p in self.priors.values()])
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        # stored predictions, by response and by the values of the parameters of the response
+        # Stored predictions.
+        # The key contains the response and the values of the parameters on which it depends.
         self.known: dict[Hashable, Response] = {}
         self.acting: dict[Hashable, NDArray[np.bool_]] = {}
         self.variance = [
@@ -199,19 +210,19 @@ class Responses:
         ]
 
     def all_values(self, x: Samples) -> Values:
-        """Returns {name in the priors: value} for the logarithms x."""
+        """Returns {name of a parameter in the priors: value} for the logarithms x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
-        """Returns {parameter: value} for one response. `own` is {parameter: name in the priors} of
-        the parameters that belong only to this response."""
+        """Returns {parameter of the model: value} for one response. `own`: parameters that belong
+        only to this response, as {parameter of the model: name of this parameter in the priors}."""
         every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
     def predictions(self, x: Samples) -> list[Response]:
-        """Returns the response of the model for each measured response. A prediction is computed
-        again only after a change of a parameter on which the prediction depends."""
+        """Returns for each measured response the prediction of the model. A prediction is computed
+        again only if a parameter has changed on which it depends."""
         found = []
         for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
@@ -233,8 +244,7 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """Returns an array with True for each parameter on which a response
-        depends, (parameters,)."""
+        """Returns for each parameter True if a response depends on it."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
@@ -242,8 +252,9 @@ class Responses:
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x: Samples) -> Samples:
-        """Returns the residuals of the first search: logarithm of the ratio of measured and
-        predicted response. With these residuals, the search converges from distant start values."""
+        """Returns the residuals of the first search. They are the logarithms of the ratio of
+        measured and predicted response. With these residuals, the search also converges from
+        distant start values."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
@@ -252,8 +263,9 @@ class Responses:
         return np.concatenate([*parts, (x - self.centre) / self.spread])
 
     def scores(self, x: Samples) -> list[Samples]:
-        """Returns the real residuals of each response. The sum of their squares is a chi-square
-        with two degrees of freedom per spectral line; see identify.fit.fit."""
+        """Returns the residuals of each response as real numbers. The sum of their squares is a
+        chi-square with two degrees of freedom for each spectral line; see
+        forceaxis.identify.fit."""
         found = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             error = (m.response - h) / np.sqrt(v)
@@ -262,16 +274,16 @@ class Responses:
         return found
 
     def fine(self, x: Samples) -> Samples:
-        """Returns the residuals of the likelihood: first of all responses, then of the prior
-        values."""
+        """Returns the residuals of the likelihood. The residuals of all responses come first, then
+        those of the priors."""
         # The factor (dof + 1) / dof of the likelihood is set to 1 here and in the chi-square test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
-        """Returns the information matrices for the logarithms of the parameters: (from the spectral
-        lines alone, from spectral lines and priors).
+        """Returns two information matrices for the logarithms of the parameters: the first from the
+        spectral lines alone, the second from the spectral lines and the priors.
 
-        `scales` is the factor for each response by which the variance of the response is enlarged.
+        `scales`: for each response, the factor by which its variance is multiplied.
         """
         shifted = [
             [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
@@ -285,12 +297,12 @@ class Responses:
         return lines, lines + np.diag(self.spread**-2.0)
 
     def starts(self) -> list[Samples]:
-        """Returns start values [x]: the best points of a grid of the nearly unknown parameters. All
-        other parameters begin at their prior values.
+        """Returns a list of start points for a search. They are the best points of a grid of the
+        nearly unknown parameters. All other parameters begin at their prior values.
 
-        The mass of a workpiece follows from its antiresonance, which is searched among the
-        frequencies of all lines: steps of stiffness and mass would miss a narrow antiresonance. The
-        damping begins at a large value, which makes the antiresonance wide.
+        The mass of a workpiece is computed from its antiresonance. Frequencies of spectral lines
+        are tried as the antiresonance, because a grid of stiffness and mass would miss a narrow
+        antiresonance. The damping begins at a large value, with which the antiresonance is wide.
         """
         units = {n: unit for n, (_, unit) in linear.facts(self.model).parameters.items()}
         wide = {
@@ -319,13 +331,13 @@ class Responses:
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
 
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
-        """Returns the (lowest, highest) logarithms of the search. `inside` is the margin in
-        standard deviations."""
+        """Returns the lowest and the highest logarithms within which parameters are searched.
+        `inside`: margin, in standard deviations, by which this range is reduced."""
         reach = (SEARCH_RANGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Minimum:
-        """Searches the minimum of the coarse residuals from the start values `begin`."""
+        """Searches the minimum of the residuals coarse(), beginning at `begin`."""
         found = optimize.least_squares(
             self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
@@ -333,8 +345,8 @@ class Responses:
         return Minimum(found.x, float(found.cost))
 
     def search(self, begin: Samples) -> Minimum:
-        """Searches first the minimum of the coarse residuals, and from there the maximum of the
-        likelihood."""
+        """Searches first the minimum of the residuals coarse(). From there, searches the maximum of
+        the likelihood."""
         near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         found = optimize.least_squares(
             self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
@@ -344,7 +356,7 @@ class Responses:
 
 
 def _real(values: Response) -> Samples:
-    """Returns the real and imaginary parts of complex values, (2 n,)."""
+    """Returns the real parts of complex values, followed by their imaginary parts."""
     return np.concatenate([values.real, values.imag])
 
 
@@ -355,14 +367,14 @@ def joint(
 ) -> JointFit:  # fmt: skip
     """Fits all responses of one axis simultaneously, and returns a JointFit.
 
-    model: a path or stem. priors: {parameter: Prior} of the parameters to fit. measurements:
-    responses of the axis, out of contact or in contact at some force; each response in contact is
-    explained by the linear range of the amplifier that fits best. over: texts NAME=PERCENT% or
-    NAME=LOW..HIGH, the tolerances about the fitted values. own: for each response {parameter:
-    Prior} of parameters that belong to it alone, for example the damping that represents dry
-    friction at its amplitude. errors: relative model error of each response, MODEL_ERROR by
-    default. states: {element: state} in which all responses were measured; states of contacts
-    concern only the responses in contact. Raises InputError.
+    model: path of the model, or its file name without suffix. priors: {parameter: Prior} of the
+    parameters to fit. measurements: responses of the axis, out of contact or in contact at some
+    force. For responses in contact, the linear range of the amplifier that explains them best is
+    used. over: tolerances of the fitted values, as texts NAME=PERCENT% or NAME=LOW..HIGH. own: for
+    each response, {parameter: Prior} of the parameters that belong only to this response. An
+    example is the damping that represents dry friction at its amplitude. errors: relative model
+    error of each response, by default MODEL_ERROR. states: {element: state} in which all responses
+    were measured. States of contacts apply only to the responses in contact. Raises InputError.
     """
     model = str(linear.find_model(model))
     measured = [replace(m, model=model) for m in measurements]
@@ -385,9 +397,10 @@ def joint(
 
 
 def _in_modes(problem: Responses) -> Responses:
-    """Returns the problem with the linear range of the amplifier for each response that explains
-    the responses best. States from the caller do not change. The load angle of a stepper stays in
-    its first segment, within which known.linear_codes() keeps it."""
+    """Selects the linear range of the amplifier for each response, so that the model explains the
+    responses best. Returns the changed problem. States that the caller has given do not change. The
+    load angle of a stepper stays in its first segment, because known.linear_codes() limits the
+    excitation accordingly."""
     states = problem.states
     ranges = [m for m in sets.slopes(problem.model, fixed=states) if LOAD_ANGLE not in m]
     slopes = [states, *(modes for modes in ranges if modes != states)]
@@ -407,7 +420,7 @@ def _in_modes(problem: Responses) -> Responses:
 
 
 def _searched(problem: Responses) -> Samples:
-    """Returns the logarithms of the best parameters."""
+    """Searches from all start points. Returns the logarithms of the best parameters."""
     best: Minimum | None = None
     enough = chi_square_bound(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -425,11 +438,11 @@ def _searched(problem: Responses) -> Samples:
 
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
-    """Returns the logarithms of the best parameters for each force in contact, (forces,
-    parameters), from a separate fit of each force.
+    """Fits the responses of each force in contact separately. Returns the logarithms of the best
+    parameters, with one row for each force.
 
-    Returns None if these fits do not explain a response, or if the parameters differ too much for
-    one plant.
+    Returns None if such a fit does not explain its response. Also returns None if the parameters of
+    the forces differ too much for a single plant.
     """
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     found = []
@@ -448,8 +461,8 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 
 def _score(residuals: Samples) -> tuple[float, int, float]:
-    """Returns (chi-square, degrees of freedom, probability that chi-square is at least
-    as large)."""
+    """Returns three numbers: chi-square, degrees of freedom, and the probability that chi-square is
+    at least as large."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
     return chi2, dof, chi_square_tail(chi2, dof)
 
@@ -457,8 +470,8 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 def _evaluated(
     problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
-    """Returns the result of a fit. `x`: logarithms of the best parameters. `apart`: logarithms for
-    each force, (forces, parameters), if the forces need different parameters."""
+    """Returns the result of a fit. `x`: logarithms of the best parameters. `apart`: logarithms with
+    one row for each force, if the forces need different parameters, otherwise None."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
@@ -490,7 +503,7 @@ def _evaluated(
     size = normal_bound((1 + CONFIDENCE) / 2)
     found.intervals = {
         name: (value * math.exp(-size * h), value * math.exp(size * h))
-        # The parameters that all responses share come first.
+        # The parameters that all responses have in common come first.
         for (name, value), h in zip(best.items(), spread, strict=False)
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
@@ -513,8 +526,9 @@ def _evaluated(
 
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
-    """Returns the standard errors of the logarithms from the spectral lines alone, with all other
-    parameters fixed. A difference between two forces that exceeds them is a change."""
+    """Returns the standard error of the logarithm of each parameter, from the spectral lines alone
+    and with all other parameters fixed. If a parameter differs between two forces by more than this
+    error, it has changed."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:
@@ -526,14 +540,15 @@ def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Sampl
 def _left_open(
     problem: Responses, x: Samples, covariance: Samples, ranges: Mapping[str, plant_set.Range]
 ) -> Samples:
-    """Returns the standard errors of the logarithms in which plants at the ends of `ranges` differ.
+    """Returns standard errors of the logarithms of the parameters, for plants at the ends of
+    `ranges`.
 
-    Parameter combinations that the fit does not determine have no effect on the response of the
-    measured plant, but they have an effect on a plant at the end of a tolerance. For example, a
-    stiffness that is fitted too large beside another one that is too small moves the mode of a
-    workpiece with another mass. A direction of the parameters that changes these responses by less
-    than MODEL_ERROR has a proportionally smaller error. An example is a common factor of all masses
-    and stiffnesses.
+    The fit does not determine some combinations of parameters. These have no effect on the response
+    of the measured plant, but they have an effect on a plant at the end of a tolerance. For
+    example, if one stiffness is fitted too large and another one too small, the mode of a workpiece
+    with another mass has a wrong frequency. If a combination changes the responses of these plants
+    by less than MODEL_ERROR, its error is reduced in proportion. An example is a common factor of
+    all masses and stiffnesses.
     """
     ends = []
     for i, name in enumerate(problem.names):
@@ -566,8 +581,8 @@ def _left_open(
 
 
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
-    """Sets the reason and the text of a rejected fit. `away` is the distance of each parameter from
-    its prior in standard deviations."""
+    """Checks if a fit has to be rejected, and writes the reason for the rejection to the result.
+    `away`: distance of each parameter from its prior, in standard deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level.p < REJECTED_BELOW / len(found.levels)]
     if (found.p < REJECTED_BELOW or misfits) and not found.levels_differ:
@@ -602,8 +617,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _ratios(
     best: Values, covariance: Samples, size: float
 ) -> dict[str, tuple[float, float, float]]:
-    """Returns {"a/b" or "a*b": (value, low, high)} for pairs of parameters whose quotient or
-    product is known with at most half the uncertainty of each parameter alone."""
+    """Finds pairs of parameters whose quotient or product is known with at most half the
+    uncertainty of each parameter alone. Returns {"a/b" or "a*b": (value, low, high)}."""
     found = {}
     names = list(best)
     for i, j in itertools.combinations(range(len(names)), 2):

@@ -1,5 +1,5 @@
-"""Prior knowledge from the model of an axis: priors of the parameters, and the largest DAC codes
-for which the drive stays linear."""
+"""Prior knowledge from the model of an axis: priors of its parameters, and the largest DAC codes
+with which the drive stays linear."""
 
 import math
 from collections.abc import Sequence
@@ -15,22 +15,24 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_set, posterior, working
 from forceaxis.linear.posterior import Posterior
 
-# Standard deviations of the logarithms of values that are known before the measurement.
+# Prior standard deviations of the logarithms of masses, drive constants and stiffnesses.
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
-# Least deviation of a prior that was a posterior: a machine changes a little from day to day.
+# Smallest standard deviation of a prior that was read from a posterior.
+# It exists because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
-# Time step in s and number of time steps of a step response.
+# Time step in s of a step response, and its number of time steps.
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
-STEADY_HZ = 0.02  # frequency in Hz at which the axis has reached its steady speed
-# Ratio of the largest DAC code of a noise to the DAC code that keeps a step linear.
-# A noise rarely reaches its peak.
+STEADY_HZ = 0.02  # at this low frequency in Hz, the axis moves with its steady speed
+# Largest DAC code of an excitation by noise, divided by the largest step of the DAC code with which
+# the drive stays linear.
+# The factor is above 1 because the noise rarely reaches its peak.
 NOISE_PEAK_FACTOR = 2
-# Share of the drive's limit that the excitation by noise may use.
+# The excitation by noise may use this fraction of the limit of the drive.
 # A step from one noise value to the next is up to twice the amplitude.
 LINEAR_SHARE = 0.7
-# Smallest ratio of the compliance behind the contact to the compliance of the contact.
+# Smallest compliance behind the contact, divided by the compliance of the contact.
 # Below this ratio, a workpiece that always sticks cannot be detected.
 SUPPORT_COMPLIANCE_SHARE = 0.3
 
@@ -55,9 +57,10 @@ def priors(
 ) -> dict[str, Prior]:  # fmt: skip
     """Returns {parameter: Prior} of a model. Masses, drive constants and contact constants have the
     accuracy of a data sheet. The workpiece and the parameters in `over` are nearly unknown, unless
-    `over` names the file of a posterior, which then is the prior of its parameters.
+    `over` names the file of a posterior. In this case, the posterior becomes the prior of its
+    parameters.
 
-    given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
+    given: texts NAME=VALUE+-PERCENT%, or NAME=VALUE with the accuracy of a mass. Raises InputError.
     """
     known = linear.facts(model, overrides).parameters
     tables = model_file.read(model)
@@ -83,7 +86,7 @@ def priors(
         add(name, WORKPIECE_SPREAD)
     found = {name: Prior(known[name].value, spread) for name, spread in spreads.items()}
     for file in files:
-        plant_set.ranges_of(model, [file], overrides)  # checks the names
+        plant_set.ranges_of(model, [file], overrides)  # raises InputError for an unknown name
         found |= _of_posterior(posterior.read(file))
     for text in given:
         name, _, value = text.partition("=")
@@ -115,8 +118,8 @@ def _of_posterior(known: Posterior) -> dict[str, Prior]:
 def _drive_limits(
     model: str | Path, overrides: linear.Overrides | None = None
 ) -> list[tuple[str, float]]:
-    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in
-    a model."""
+    """Returns all limits of the drive in a model, as pairs of a signal and its limit in SI
+    units."""
     facts, drive = linear.facts(model, overrides), model_file.read(model).drive
     limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
     found = [
@@ -125,15 +128,16 @@ def _drive_limits(
         and (limit := working.number(given, facts.parameters)) is not None
     ]  # fmt: skip
     step = working.number(drive.full_step, facts.parameters)
-    if step is not None:  # the first segment of the force of a stepper, which has a period of 4
+    # this limit is the end of the first segment of the force of a stepper, whose period is 4 steps
+    if step is not None:
         found.append(("drive.load_angle", 4 * step / drive.segments))
     return found
 
 
 def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the largest DAC codes of a noise that keep voltage and current of the model's drive
-    within their limits, or inf without limits. With larger codes the gain of the amplifier
-    decreases."""
+    """Returns the largest DAC code of an excitation by noise that keeps voltage and current of the
+    drive within their limits. Returns infinity if the model has no limits. Above a limit, the gain
+    of the amplifier would decrease."""
     volts_per_code = linear.facts(model, overrides).volts_per_code
     found = []
     for signal, limit in _drive_limits(model, overrides):
@@ -147,8 +151,8 @@ def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -
 
 
 def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the force of the drive at standstill in N per DAC code, or inf if the drive
-    integrates."""
+    """Returns the force of the drive at standstill in N per DAC code. Returns infinity for an
+    integrating drive."""
     facts = linear.facts(model, overrides)
     plant = linear.linearise(
         str(model), outputs=(facts.required_reading.signal,), overrides=overrides
@@ -158,53 +162,54 @@ def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the speed of the axis in encoder counts/s per DAC code, out of contact and after the
-    acceleration."""
+    """Returns the steady speed of the axis out of contact, in encoder counts/s per DAC code."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
-    speed = float((s * plant.at(s).item()).real)  # speed per volt
+    speed = float((s * plant.at(s).item()).real)  # speed per volt of the command
     return speed * linear.facts(model, overrides).volts_per_code
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the compliance in counts/N with which the axis moves while the workpiece sticks to
-    its table: that of the spring in the contact. The result is 0 if this compliance does not show
-    that the workpiece sticks, because the workpiece never moves in the model or moves little."""
+    """Returns the compliance of the axis in counts/N while the workpiece sticks to its table. It is
+    the compliance of the spring in the contact. Returns 0 if the workpiece never moves in the
+    model, or moves little, so that the compliance does not show whether it sticks."""
     rigid = _counts_per_newton(model, overrides, model_file.read(model).contact)
     return rigid if behind_counts(model, overrides) > SUPPORT_COMPLIANCE_SHARE * rigid else 0.0
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the deflection in counts/N of the single spring between the workpiece and the ground,
-    or 0 without a single spring."""
+    """Returns the deflection in counts/N of the spring between workpiece and ground. Returns 0 if
+    the model does not have exactly one such spring."""
     return _counts_per_newton(model, overrides, model_file.read(model).support)
 
 
 def _counts_per_newton(
     model: str | Path, overrides: linear.Overrides | None, link: ModelLink | None
 ) -> float:
-    """Returns the deflection of a spring in encoder counts per N, or 0 without a stiffness."""
+    """Returns the deflection of a spring in encoder counts per N. Returns 0 if there is no spring
+    with a stiffness."""
     facts = linear.facts(model, overrides)
     stiffness = working.number(link.stiffness, facts.parameters) if link else None
     return abs(facts.required_encoder.scale) / stiffness if stiffness else 0.0
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """Returns `states`, {element: state}, restricted to the elements of the model. A model in which
-    dampers replace dry friction has no states of friction."""
+    """Returns only those entries of `states`, {element: state}, whose element is in the model. For
+    example, a model in which dampers replace dry friction has no states of friction."""
     switches = linear.facts(model).switches
     return {name: state for name, state in states.items() if name in switches}
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """Returns the entries of `states`, {element: state}, without the contacts of the model, because
-    out of contact these contacts are open."""
+    """Returns `states`, {element: state}, without the contacts of the model. These contacts are
+    open when the axis is out of contact."""
     contacts = {contact.name for contact in linear.facts(model).contacts}
     return {name: state for name, state in states.items() if name not in contacts}
 
 
 def play_counts(model: str | Path, overrides: linear.Overrides | None = None) -> int:
-    """Returns the total backlash of a model in encoder counts, or 0 without backlash or encoder."""
+    """Returns the total backlash of a model in encoder counts. Returns 0 if the model has no
+    backlash or no encoder."""
     facts = linear.facts(model, overrides)
     if facts.encoder is None:
         return 0
@@ -215,7 +220,8 @@ def play_counts(model: str | Path, overrides: linear.Overrides | None = None) ->
 
 
 class SineBounds:
-    """The largest DAC codes of a sine that keep the model's drive within its limits."""
+    """Computes the largest amplitude of a sine with which the drive of a model stays within its
+    limits."""
 
     def __init__(self, model: str | Path) -> None:
         volts_per_code = linear.facts(model).volts_per_code
@@ -225,6 +231,7 @@ class SineBounds:
         ]
 
     def codes(self, hz: float) -> int:
-        """Returns the largest amplitude in DAC codes at a frequency in Hz, at least 1."""
+        """Returns the largest amplitude in DAC codes at a frequency in Hz. The result is at least
+        1."""
         found = [limit / abs(plant.response([hz])[0]) for plant, limit in self._limits]
         return max(1, int(min([*found, 2047.0])))

@@ -1,4 +1,5 @@
-"""Order and results of an Analyzer: classes MeasuringOrder, Rest and Level."""
+"""The request for a measurement with an Analyzer (MeasuringOrder), and its results (Rest,
+Level)."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,37 +17,41 @@ Response = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class MeasuringOrder:
-    """Settings of an Analyzer's measurement. Frequencies are in Hz, forces in N, times in s, the
-    travel in encoder counts."""
+    """The request for a measurement with an Analyzer. Frequencies are in Hz, forces in N, times in
+    s, and the travel in encoder counts."""
 
     band_hz: tuple[float, float] = (1.0, 100.0)
     resolution_hz: float = 1.0
     averages: int = 8
-    #: number of averages that suffices if the error is below CERTAIN; 0: all averages are needed
+    #: with this number of averages, the measurement may end if the error is small; 0: uses all
+    #: averages
     fewest: int = 0
     settle_s: float = 1.0
     force_max_N: float = math.inf
-    travel: int = 500  #: largest distance from the start position of a measurement
-    #: Amplitude in DAC codes. With 0, the Analyzer searches the amplitude, beginning at `first`.
+    travel: int = 500  # : largest distance from the start position, in encoder counts
+    #: Amplitude of the excitation in DAC codes.
+    #: If it is 0, the Analyzer searches the amplitude, beginning at `first`.
     amplitude: int = 0
     first: int = 1
-    most: int = MOST_CODES  #: largest code of the search
+    most: int = MOST_CODES  # : largest amplitude in DAC codes that the search tries
     seed: int = 1
-    #: True: searches for dry friction; with friction, the amplitude is large enough for sliding
+    #: True: dry friction is searched; if there is friction, the amplitude is so large that the axis
+    #: slides
     finds_friction: bool = True
-    rubs: bool = False  #: True: the axis has dry friction, whose effect grows at smaller amplitudes
-    swing: float = 0.4  #: range of the force from peak to peak as a share of the bias force
-    #: relative difference from the force set-point below which the force has settled
+    # : True: the axis has dry friction, whose effect is larger at smaller amplitudes
+    rubs: bool = False
+    swing: float = 0.4  # : peak-to-peak range of the force, divided by the bias force
+    #: a force has settled if its relative difference from the set-point is below this value
     within: float = 0.05
 
 
 @dataclass(frozen=True)
 class Rest:
-    """State of the axis at rest: mean measured force in counts, position in counts, and noise in
-    ADC codes (see noise_of).
+    """State of the axis at rest: mean measured force in 8-bit counts, position in encoder counts,
+    and noise of the measured force in ADC codes (see noise_of).
 
-    The noise is None at an end of the converter's range, because the range then hides half of the
-    noise.
+    The noise is None if the signal is at an end of the range of the ADC, because half of the noise
+    is then cut off.
     """
 
     reading: float
@@ -56,8 +61,8 @@ class Rest:
 
 @dataclass(frozen=True)
 class Abort:
-    """An excitation that the axis has ended early: amplitude in DAC codes and name of
-    `excitation_state`."""
+    """An excitation that has ended early: its amplitude in DAC codes, and the reason, usually a
+    value of `excitation_state`."""
 
     amplitude: int
     why: str
@@ -65,24 +70,25 @@ class Abort:
 
 @dataclass
 class Level:
-    """A measured response and the conditions of the measurement. The fields are set in the course
-    of the measurement. Forces are in N: smallest and largest value of all recordings."""
+    """A measured response, and the conditions of its measurement. The fields are set during the
+    measurement. Forces are in N. `force_min_N` and `force_max_N` are the smallest and the largest
+    force in all recordings."""
 
     amplitude: int
     bias_N: float | None = None
     noise_lsb: float | None = None
-    measured_or_none: Measurement | None = None  #: once it is measured
-    #: (n,) complex sensitivity function of the loop during the measurement, and its standard error
+    measured_or_none: Measurement | None = None  #: None before the measurement
+    #: complex sensitivity function of the loop during the measurement, and its standard error
     sensitivity: Response = field(default_factory=lambda: np.zeros(0, complex))
     sensitivity_error: Samples = field(default_factory=lambda: np.zeros(0))
     force_min_N: float | None = None
     force_max_N: float | None = None
-    #: range of the output from peak to peak, in N in contact and in counts out of contact
+    #: peak-to-peak range of the output, in N in contact, in encoder counts out of contact
     swing: float = 0.0
-    #: Rms rate of change of the output that the waveform alone causes:
-    #: N/s in contact, counts/s out of contact.
+    #: Rms rate of change of the output that the excitation alone causes.
+    #: The unit is N/s in contact and encoder counts/s out of contact.
     speed_rms: float = 0.0
-    #: ratio of the difference between the first realisations to the noise of the realisations
+    #: difference between the first realisations, divided by their noise
     distorted: float = 1.0
     aborts: list[Abort] = field(default_factory=list)
     of_loop: bool = False
@@ -97,6 +103,6 @@ class Level:
 
 def noise_of(raw: NDArray[np.int64 | np.float64]) -> float:
     """Returns the rms noise of a signal at standstill, in the unit of the signal. The noise is
-    computed from differences of successive samples, which exclude a slow limit cycle between two
-    codes."""
+    computed from differences of successive samples, so that a slow limit cycle between two codes
+    does not count as noise."""
     return float(np.std(np.diff(raw)) / math.sqrt(2))

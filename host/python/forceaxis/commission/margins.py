@@ -1,5 +1,5 @@
-"""Bandwidth and margins of the previous and of the new force law, on the fitted plant and as
-measured."""
+"""Computes bandwidth and margins of the previous and of the new force law with the fitted plant,
+and compares the measured Ms with the predicted Ms."""
 
 from collections.abc import Mapping
 
@@ -15,14 +15,14 @@ from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
 COEFFICIENTS_PER_BANK = 15
-# width of the averaging of |S|, as a difference of the logarithms of the frequencies
+# |S| is averaged over frequencies whose logarithms differ by less than this value.
 AVERAGING_WIDTH = 0.04
-ERROR_MAX = 0.1  # largest relative error at which a value of |S| is treated as certain
+ERROR_MAX = 0.1  # a value of |S| is regarded as certain if its relative error is at most this value
 
 
 def active_law(axis: Axis) -> Bank:
-    """Returns the active Bank of the force modes. A P law is returned as a Bank too. Raises
-    Refused, NoAnswer."""
+    """Returns the force law that is active in the force modes, as a Bank. A P law is also returned
+    as a Bank. Raises Refused, NoAnswer."""
     number, gain = axis.integer("force_bank"), axis.number("force_gain")
     if not number:
         return Bank(gain)
@@ -39,8 +39,9 @@ def active_law(axis: Axis) -> Bank:
 def on_fitted(
     tuning: TuningFolder, fitted: Fitted, banks: Mapping[str, Bank], late: int
 ) -> dict[str, FittedLoop | None]:
-    """Returns {name: bandwidth and margins} of {name: Bank} on the fitted plant, with None for a
-    law with gain 0. `late` is the latency in ticks."""
+    """Computes bandwidth and margins of several force laws with the fitted plant. `banks`: {name:
+    Bank}. The result has the same names, with None for a law with gain 0. `late`: latency in
+    ticks."""
     found: dict[str, FittedLoop | None] = {}
     for name, bank in banks.items():
         found[name] = None
@@ -53,7 +54,7 @@ def on_fitted(
 def _loop(
     tuning: TuningFolder, fitted: Fitted, bank: Bank, late: int, modes: Mapping[str, str]
 ) -> tuple[Loop, float]:
-    """Returns (loop of a Bank on the fitted plant, gain of this loop)."""
+    """Returns the loop of a force law with the fitted plant, and the gain of this loop."""
     spec = loops.LoopSpec("bank", ("zoh", "zoh+1")[late], bank=bank)
     loop = spec.around(str(tuning.model), fitted.values, modes)
     return loop, over.gain_at(loop, None, None)
@@ -69,7 +70,7 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     # The predicted Ms is the larger Ms of the two states.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
-    # |S| is averaged over a few per cent of the frequency.
+    # |S| is averaged over neighbouring frequencies within a few per cent.
     # Without averaging, the maximum of many noisy values would be too large.
     near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
     near /= near.sum(1, keepdims=True)

@@ -1,5 +1,4 @@
-"""The measurement of an axis: responses out of contact and at several forces, and their
-files."""
+"""Measures the frequency responses of an axis, out of contact and at several forces."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,12 +24,13 @@ FREE = "free"
 class AxisMeasurementSummary:
     """The summary of a measured response of an axis.
 
-    amplitude: of the excitation in DAC codes; bias_N: mean force, None out of contact; force_min_N,
-    force_max_N: range of the measured force. swing: range of the output from peak to peak, and
-    speed_rms: rms of its rate of change, in N and N/s in contact, in counts and counts/s out of
-    contact. noise_lsb: rms noise in ADC codes; distorted: ratio of the difference of the first
-    realisations to their noise. coherent: number of the `points` with a coherence above 0.9.
-    comparison: with the model, None without a model. friction: None if it was not searched for.
+    amplitude: amplitude of the excitation in DAC codes. bias_N: mean force in N, or None out of
+    contact. force_min_N, force_max_N: smallest and largest measured force in N. swing: peak-to-peak
+    range of the output, in N in contact, in encoder counts out of contact. speed_rms: rms rate of
+    change of the output, in N/s or encoder counts/s. noise_lsb: rms noise in ADC codes. distorted:
+    difference between the first realisations, divided by their noise. coherent: number of the
+    `points` whose coherence is above 0.9. comparison: comparison with the model, or None if there
+    is no model. friction: dry friction, or None if it was not searched.
     """
 
     measurement: str
@@ -77,11 +77,12 @@ def measure(
     """Measures one response out of contact, if `free` is True, and one response in contact at each
     of the `forces` in N. Returns {name: response}.
 
-    The axis has to be owned, disabled and at rest. At the end, the axis is disabled at its start
-    position.
+    The axis must be owned by this program, disabled and at rest. At the end, the axis is disabled
+    at its start position.
 
-    model: path of a model with which the response is compared, or "". Raises InputError before the
-    axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
+    model: path of a model with which the response is compared, or "". Raises InputError if the axis
+    would limit a target; the axis has not moved in this case. Also raises Refusal, NoAnswer,
+    Refused.
     """
     done: dict[str, AxisMeasurement] = {}
     actions.expect_position_gain(axis)
@@ -120,7 +121,7 @@ def _taken(
     rest: Rest,
     search: friction_search.FrictionSearch | None,
 ) -> AxisMeasurement:
-    """Returns the result of a measured response, with the friction that `search` has found."""
+    """Returns the result of a measured response, including the friction that `search` has found."""
     if search:
         search.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)
@@ -132,8 +133,8 @@ def _taken(
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
-    """Returns texts about conditions that make the error of a response larger than the confidence
-    band shows."""
+    """Returns texts about conditions of the measurement because of which the error of a response is
+    larger than its confidence band."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:
@@ -152,7 +153,7 @@ def hints(level: Level, rest: Rest) -> list[str]:
 
 
 def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> AxisMeasurement:
-    """Returns the result of a measured response, without friction."""
+    """Returns the result of a measured response, without an entry about friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"

@@ -1,9 +1,10 @@
-"""Searches for the element that a rejected model lacks: fits and ranks candidates for this element.
+"""Searches for the element that a rejected model lacks. Candidates for this element are fitted and
+ranked.
 
-Each candidate multiplies the model's responses by a factor whose parameters are fitted together
-with all others. The rank is the chi-square plus a penalty of ln n for each parameter (Schwarz, The
-Annals of Statistics 6, 1978), where n is the number of real residuals. Each candidate states the
-TOML to add to the model.
+Each candidate multiplies the responses of the model by a factor. The parameters of this factor are
+fitted together with all other parameters. The candidates are ranked by chi-square plus a penalty of
+ln n for each parameter, where n is the number of real residuals (Schwarz, The Annals of Statistics
+6, 1978). Each candidate states the TOML text to add to the model.
 """
 
 import math
@@ -20,9 +21,9 @@ from forceaxis.design import model_file
 from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
 
-START_MODES = 10  # number of start frequencies when a mode of vibration is searched
+START_MODES = 10  # number of start frequencies in the search for a mode of vibration
 SHOWN_CANDIDATES = 3  # largest number of candidates that a text names
-START_LAG_S = 4e-4  # initial value of a lag
+START_LAG_S = 4e-4  # start value of a time constant in s
 GAIN_SPREAD = 0.2  # prior standard deviation of the logarithm of a gain that differs between forces
 START_SPLIT = 1.05  # start value of the ratio (pole frequency / zero frequency) for a mode
 EVALUATIONS_MAX = 25
@@ -30,11 +31,12 @@ EVALUATIONS_MAX = 25
 
 @dataclass(frozen=True)
 class Shape:
-    """An element that the model may lack. factor(parameters, i, hz) is the factor of response i.
-    words(parameters, best) is (description, TOML), where `best` are the values of the model.
+    """A candidate: an element that the model may lack. factor(parameters, i, hz) returns the factor
+    by which response i is multiplied. words(parameters, best) returns a description and the TOML
+    text to add to the model. `best` are the values of the parameters of the model.
 
-    `parameters` are values in the order of `priors`. A candidate with `freed` parameters of the
-    model has the factor 1.
+    `parameters` are values in the order of `priors`. If a candidate only frees parameters of the
+    model (`freed`), its factor is 1.
     """
 
     name: str
@@ -44,18 +46,18 @@ class Shape:
     freed: bool = False
 
     def parameters(self, values: Values) -> list[float]:
-        """Returns the values of the candidate's parameters from all values of a fit."""
+        """Returns the values of the parameters of the candidate. `values`: all values of a fit."""
         return [values[self.key(name)] for name in self.priors]
 
     def key(self, name: str) -> str:
-        """Returns the name of a candidate's parameter in the fit."""
+        """Returns the name that a parameter of the candidate has in the fit."""
         return name if self.freed else f"{name}@shape"
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A fitted candidate. `gain`: decrease of chi-square minus the penalty. `p`: probability of
-    chi-square with the candidate."""
+    """A fitted candidate. `gain`: decrease of chi-square minus the penalty. `p`: probability that
+    chi-square is at least as large, if the model with the candidate is correct."""
 
     name: str
     text: str
@@ -84,8 +86,7 @@ def tried(problem: Responses, x: Samples) -> list[Tried]:
 
 
 def lines_of(found: list[Tried]) -> str:
-    """Returns the TOML of the best candidates, each below a comment that describes
-    the candidate."""
+    """Returns the TOML text of the best candidates. A comment above each candidate describes it."""
     lines = []
     for number, one in enumerate(found[:SHOWN_CANDIDATES], 1):
         explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"
@@ -94,8 +95,8 @@ def lines_of(found: list[Tried]) -> str:
 
 
 def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
-    """Fits the parameters of a candidate alone, while all other parameters stay at x. Returns
-    (candidate, problem with the parameters of the candidate, cost, logarithms of these parameters).
+    """Fits only the parameters of a candidate, while all other parameters stay at x. Returns four
+    values: candidate, problem that includes its parameters, cost, and logarithms of its parameters.
     """
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
@@ -122,7 +123,7 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
 def _fitted(
     x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
 ) -> Tried:
-    """Fits all parameters together, starting at the result of _begun()."""
+    """Fits all parameters together, beginning at the result of _begun()."""
     begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
         wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS_MAX
@@ -137,7 +138,8 @@ def _fitted(
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:
-    """Returns the candidates with start values for fits, one list for each kind of element."""
+    """Returns one list for each kind of element. The candidates of a list differ in their start
+    values."""
     return [
         [_sensor_lag(problem)],
         [_drive_lag(problem)],
@@ -166,9 +168,9 @@ def _sensor_lag(problem: Responses) -> Shape:
 
 
 def _drive_lag(problem: Responses) -> Shape:
-    """Returns the candidate for the lag of the drive. If the model has a time constant of the
-    drive, the candidate is this time constant (inductance of the winding or corner frequency of the
-    force). Otherwise the candidate is an additional lag."""
+    """Returns the candidate for the lag of the drive. If the model already has a time constant of
+    the drive (inductance of the winding or corner frequency of the force), the candidate frees this
+    parameter. Otherwise it is an additional first-order lag."""
     drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
     name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
     if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
@@ -198,8 +200,9 @@ def _drive_lag(problem: Responses) -> Shape:
 
 
 def _modes(problem: Responses) -> list[Shape]:
-    """Returns the candidates for a mode of vibration: a mass on a spring on the drive's body, which
-    adds a zero and, at a higher frequency, a pole."""
+    """Returns the candidates for a mode of vibration. The element is a mass on a spring that is
+    attached to the body of the drive. It adds a pair of zeros and, at a higher frequency, a pair of
+    poles."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
     body = facts.required_drive.body
@@ -261,6 +264,6 @@ def _gains(problem: Responses) -> Shape:
 
 
 def of(found: JointFit) -> list[Tried]:
-    """Returns the elements that the model of a rejected fit may lack, the most likely element
+    """Returns the elements that the model of a rejected fit may lack, sorted with the most likely
     first."""
     return tried(replace(found.problem), found.at)

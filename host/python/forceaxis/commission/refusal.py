@@ -1,4 +1,4 @@
-"""Class Refusal: the reason why a step of commissioning ended without a result."""
+"""The exception Refusal, which states why a step of the commissioning ended without a result."""
 
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
@@ -12,10 +12,10 @@ REMEDY_AFTER_KILL = (
 
 
 class Refusal(Exception):
-    """Exception of a step that ended without a result.
+    """Exception: a step of the commissioning ended without a result.
 
-    `name` is one word for programs. `text` states in one line what was found, what was expected
-    and what to do. `lines` is TOML to add to the model, or "".
+    `name` is one word by which programs can recognise the reason. `text` is one line that states
+    the finding, the expectation and the remedy. `lines` is TOML text to add to the model, or "".
     """
 
     def __init__(self, name: str, text: str, lines: str = "") -> None:
@@ -24,10 +24,11 @@ class Refusal(Exception):
 
 
 def of_link(axis: Axis, error: Exception) -> Refusal:
-    """Converts an error of a step to a Refusal according to the state of the axis: no_answer,
-    ownership, the name of a fault, or refused.
+    """Converts an exception of a step to a Refusal. The state of the axis determines the name of
+    the Refusal: no_answer, ownership, the name of a fault, or refused.
 
-    A Refusal is returned unchanged if the axis is owned and has no fault.
+    If the exception already is a Refusal, and the axis is owned and has no fault, it is returned
+    unchanged.
     """
     try:
         owner, fault = axis.text("command_source"), axis.text("fault")

@@ -1,14 +1,15 @@
-"""Estimates the frequency response from the DAC codes to a sensor, from recordings with a known
-waveform.
+"""Estimates the frequency response from the DAC codes to a sensor, by means of recordings with a
+known waveform of the excitation.
 
-In a closed loop the input u contains the noise of the measured force through the force law. The
-quotient of cross spectrum and input spectrum is therefore biased. The added waveform r is known
-exactly and is independent of the noise (Pintelon and Schoukens, System Identification, 2.7):
+In a closed loop, the force law transmits the noise of the measured force to the input u. The
+quotient of cross spectrum and input spectrum is therefore biased. But the added waveform r is known
+exactly and is independent of the noise. It gives an estimate without bias (Pintelon and Schoukens,
+System Identification, 2.7):
 
     H = sum R* Y / sum R* U,    E = Y - H U,
     variance = sum |R|^2 sum |E|^2 / ((K - 1) |sum R* U|^2),    K realisations
 
-In open loop r equals u, and the estimate is H1.
+In open loop, r is equal to u, and the result is the H1 estimate.
 """
 
 from dataclasses import dataclass
@@ -18,22 +19,23 @@ from numpy.typing import NDArray
 
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
-Lines = NDArray[np.int64]  # line numbers of a spectrum
-# quantisation step of the input and of the output, each in the unit of the signal
+Lines = NDArray[np.int64]  # numbers of spectral lines
+# Quantisation steps of the input and of the output, each in the unit of its signal.
 Steps = tuple[float, float]
-Still = tuple[Samples, Samples]  # (inputs, outputs) of recordings without a waveform
+Still = tuple[Samples, Samples]  # (inputs, outputs) of recordings without excitation
 
-POWER_MIN = 1e-300  # value that replaces a power of 0 in a divisor
-CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() chooses
+POWER_MIN = 1e-300  # replaces a power of 0 before a division
+CANDIDATE_SEEDS = 400  # number of seeds among which calm_seeds() chooses
 
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response and the sensitivity function of the loop, (n,) each.
+    """An estimated frequency response, and the sensitivity function of the loop. Each array has one
+    value for each spectral line.
 
-    `variance`: variance of the complex response. `floor`: standard deviation that rounding alone
-    causes. `sensitivity`: input divided by waveform, complex. `sensitivity_error`: standard error
-    of `sensitivity`.
+    `variance`: variance of the complex response. `floor`: standard deviation of the response that
+    rounding alone causes. `sensitivity`: complex ratio of input to waveform. `sensitivity_error`:
+    standard error of `sensitivity`.
     """
 
     response: Response
@@ -63,12 +65,12 @@ def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Line
 def estimate(
     waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps
 ) -> ResponseEstimate:
-    """Returns the response from input to output at the spectral lines `lines`.
+    """Estimates the frequency response from input to output at the spectral lines `lines`.
 
-    waveform, inputs, outputs: (K, n), one whole period of each of K >= 2 realisations in the same
-    ticks. steps: size of one code in units of (input, output), for the lowest variance that
-    rounding alone causes. Coherences are computed between waveform and input, and between waveform
-    and output; the result is the smaller one.
+    waveform, inputs, outputs: signals of at least two realisations, with one row for each. A row is
+    one whole period, and the rows of the three signals have the same ticks. steps: quantisation
+    steps of input and output. They determine the variance that rounding alone causes. The coherence
+    is the smaller one of two values: between waveform and input, and between waveform and output.
     """
     count, samples = waveform.shape
     R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))
@@ -95,10 +97,12 @@ def estimate(
 def deviation(
     inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps, averages: int
 ) -> tuple[float, float]:
-    """Returns the expected median relative standard deviations of the response and of the
-    sensitivity function, for `averages` realisations with the noise of this realisation.
+    """Predicts the error of a measurement with `averages` realisations from the noise of one
+    realisation. Returns the median relative standard deviations of the response and of the
+    sensitivity function.
 
-    inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
+    inputs, outputs: signals of a recording with the excitation. still: (inputs, outputs) of a
+    recording without excitation.
     """
     U, Y = _spectrum(inputs, lines), _spectrum(outputs, lines)
     H = Y / np.where(U == 0, POWER_MIN, U)
@@ -117,7 +121,7 @@ def deviation(
 def excess(
     waveform: Samples, inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps
 ) -> float:
-    """Returns the ratio of the difference of the realisations to their noise, as the mean over the
+    """Returns the difference between the realisations divided by their noise, as the mean over the
     spectral lines.
 
     A value above 1 indicates distortion, for example by a saturated drive. The arguments are those
@@ -131,37 +135,38 @@ def excess(
 
 
 def _spectrum(values: Samples, lines: Lines) -> Response:
-    """Returns the spectrum of signals, (..., n), at the spectral lines `lines`."""
+    """Returns the spectrum of signals at the spectral lines `lines`. The last dimension of `values`
+    is the time."""
     return np.asarray(np.fft.rfft(values)[..., lines])
 
 
 def _rounding_power(H: Response, samples: int, steps: Steps) -> Samples:
-    """Returns the power at the output of a response H that the rounding of input and output to
-    codes causes."""
+    """Returns the power at the output that is caused by the rounding of input and output to codes.
+    `H`: frequency response from input to output."""
     return np.asarray(samples / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2))
 
 
 def _noise_power(H: Response, still: Still, lines: Lines) -> Samples:
-    """Returns the power of the noise at the output of a response H, from recordings without a
-    waveform."""
+    """Returns the power of the noise at the output, computed from recordings without excitation.
+    `H`: frequency response from input to output."""
     U, Y = (_spectrum(values - np.mean(values), lines) for values in still)
     return _smooth(np.asarray(abs(Y - H * U) ** 2))
 
 
 def _smooth(power: Samples, lines: int = 11) -> Samples:
-    """Returns the moving average of a power over `lines` spectral lines."""
+    """Returns the moving average of a power spectrum over `lines` spectral lines."""
     width = min(lines, len(power))
     return np.convolve(power, np.ones(width) / width, "same")
 
 
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
-    """Returns seeds of the firmware's noise whose integral over a period stays nearest to 0. With
-    these seeds, an integrating axis stays near the start position.
+    """Selects seeds for the noise generator of the firmware. The integral of the selected noises
+    stays nearest to 0 during a period, so that an integrating axis stays near its start position.
 
-    A different number `first` gives different seeds.
+    Another number `first` gives other seeds.
     """
     seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
-    # the same random number generator as in firmware/core/excitation.c
+    # This random number generator is the same as in firmware/core/excitation.c.
     random = (seeds * 2654435769 % 2**32).astype(np.uint32)
     integral = np.zeros(CANDIDATE_SEEDS)
     furthest = np.zeros(CANDIDATE_SEEDS)
@@ -169,6 +174,6 @@ def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
         random = random * np.uint32(1664525) + np.uint32(1013904223)
         integral += random.view(np.int32) * float(min(hold, samples - start))
         furthest = np.maximum(furthest, abs(integral))
-    # The integral at the end of a period is the start of the next period.
+    # The integral at the end of a period is its start value in the next period.
     chosen: list[int] = seeds[np.argsort(furthest + 4 * abs(integral))[:count]].tolist()
     return chosen

@@ -1,9 +1,11 @@
-"""Measures stiffness and mass of a workpiece with dry friction by sinusoidal forces.
+"""Measures stiffness and mass of a workpiece that has dry friction on its table. The workpiece is
+excited with sinusoidal forces.
 
 The displacement of the workpiece is the displacement of the encoder minus the deflection of the
-sensor, so the ratio of force to displacement is known at each frequency. While the workpiece
-slides, Coulomb friction is in phase with the speed. It then changes only the imaginary part of the
-ratio; the real part is k - m w^2 for any friction.
+force sensor. The ratio of force to displacement of the workpiece is therefore known at each
+frequency. While the workpiece slides, Coulomb friction is in phase with the speed, so it changes
+only the imaginary part of this ratio. The real part is k - m w^2 for any friction, with the
+stiffness k, the mass m and the angular frequency w.
 """
 
 import math
@@ -19,20 +21,22 @@ from forceaxis.commission.level import Samples
 RECORD_SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
-# number of frequencies, and smallest number of frequencies at which the workpiece has to slide
+# Number of frequencies, and smallest number of frequencies at which the workpiece must slide.
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
-# Displacement of the workpiece that suffices, and smallest displacement that is accepted.
-# The unit is the displacement at which the spring overcomes the friction.
+# SLIDES: sufficient displacement of the workpiece.
+# SLIDES_MIN: smallest displacement that is accepted.
+# Both are multiples of the displacement at which the spring overcomes the friction.
 SLIDES, SLIDES_MIN = 3.0, 1.25
-# largest number of amplitudes that are tried at one frequency, and ratio of successive amplitudes
+# Largest number of amplitudes that are tried at one frequency, and ratio of two successive
+# amplitudes.
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 
 @dataclass(frozen=True)
 class SineTestResult:
-    """Result of the test with sinusoidal forces: stiffness in N/m, mass in kg, damping in N s/m and
-    friction in N of a workpiece, relative standard errors of stiffness and mass, and the
-    frequencies in Hz and amplitudes in DAC codes and N of the sines."""
+    """Result of the test with sinusoidal forces. It has stiffness in N/m, mass in kg, damping in N
+    s/m and friction in N of the workpiece, and the relative standard errors of stiffness and mass.
+    It also has the frequencies of the sines in Hz, and their amplitudes in DAC codes and N."""
 
     stiffness: float
     mass: float
@@ -43,17 +47,18 @@ class SineTestResult:
     hz: tuple[float, ...]
     codes: tuple[float, ...]
     newton: tuple[float, ...]
-    #: for each sine (Hz, force re and im in N, displacement of the axis re and im in m, codes)
+    #: One row for each sine: frequency in Hz, real and imaginary part of the force in N, real and
+    #: imaginary part of the displacement of the axis in m, amplitude in DAC codes.
     rows: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class SineTestSetup:
-    """Known values before the test with sinusoidal forces: friction under the workpiece in N,
-    stiffness of sensor and workpiece in N/m, frequencies in Hz.
+    """Values that are known before the test with sinusoidal forces: friction in N between workpiece
+    and table, stiffness of force sensor and workpiece in N/m, and the frequencies in Hz.
 
-    `rate` is in encoder counts/s per DAC code, `scale` in encoder counts per m, `newton` in N per
-    force count.
+    `rate`: speed in encoder counts/s per DAC code. `scale`: encoder counts per m. `newton`: force
+    in N per force count.
     """
 
     friction_N: float
@@ -83,8 +88,8 @@ def measure(
 
 @dataclass(frozen=True)
 class _Sine:
-    """Response of an axis to a sine of `codes` DAC codes: complex amplitudes of the force in N and
-    of the displacements of the axis and of the workpiece in m."""
+    """Response of an axis to a sine with the amplitude `codes` in DAC codes. It has complex
+    amplitudes of the force in N, and of the displacements of axis and workpiece in m."""
 
     hz: float
     codes: int
@@ -103,10 +108,10 @@ class _Sine:
 def _largest_sine(
     analyzer: Analyzer, hz: float, setup: SineTestSetup, codes_max: int
 ) -> _Sine | None:
-    """Returns the sine with the largest displacement of the workpiece within the bounds, or None if
-    the workpiece does not slide enough. The function increases the amplitude until the workpiece
-    slides."""
-    # displacement in m at which the spring overcomes the friction
+    """Increases the amplitude until the workpiece slides far enough. Returns the sine with the
+    largest displacement of the workpiece within the bounds, or None if the workpiece does not slide
+    enough."""
+    # displacement in m at which the spring of the workpiece overcomes the friction
     friction_m = setup.friction_N / setup.workpiece
     target = SLIDES * friction_m
     codes = max(2, round(2 * math.pi * hz * target * setup.scale / setup.rate))
@@ -136,8 +141,8 @@ def _largest_sine(
 
 
 def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _Sine:
-    """Excites the axis with a sine of `codes` DAC codes. Raises Ended if the axis ends the
-    excitation."""
+    """Excites the axis with a sine of the amplitude `codes`, in DAC codes. Raises Ended if the axis
+    ends the excitation early."""
     analyzer.set(excitation_code=codes, excitation_frequency=hz)
     held = analyzer.excited(SIGNALS, RECORD_SAMPLES, SETTLE_S)
     wave = np.exp(-2j * np.pi * hz * np.arange(RECORD_SAMPLES) / TICKS_PER_S) * 2 / RECORD_SAMPLES
@@ -153,14 +158,14 @@ def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _S
 def of_sines(
     rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0
 ) -> SineTestResult:
-    """Returns stiffness, mass and friction of a workpiece from the rows of a SineTestResult.
-    `sensor` and `damping` are stiffness in N/m and damping in N s/m of the sensor between axis and
+    """Computes stiffness, mass and friction of a workpiece from SineTestResult.rows. `sensor` and
+    `damping`: stiffness in N/m and damping in N s/m of the force sensor, which is between axis and
     workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
     quotient = force / way
-    # Residuals are relative to the ratio of force to displacement.
+    # Residuals are divided by the ratio of force to displacement.
     # An error of 1 % of force or displacement changes this ratio by 1 %.
     weight = 1 / abs(quotient)
     table = np.column_stack([np.ones(len(w)), -(w**2)])
@@ -180,8 +185,8 @@ def of_sines(
 
 
 def _solved(table: Samples, values: Samples, weight: Samples) -> tuple[Samples, Samples]:
-    """Returns (solution, covariance) of weighted least squares. The size of the errors follows from
-    the residuals."""
+    """Solves a problem of weighted least squares. Returns the solution and its covariance matrix,
+    whose size is computed from the residuals."""
     A, b = table * weight[:, None], values * weight
     solved = np.linalg.lstsq(A, b, rcond=None)[0]
     left = float(np.sum((A @ solved - b) ** 2)) / max(1, len(b) - A.shape[1])
