@@ -76,7 +76,7 @@ class IncidentAbout:
     fault: str
     error_code: str
     tick: int
-    later: int  #: number of later errors
+    later: int  #: number of further errors after this one
     kept: bool  #: True if the incident is older than the last restart of the axis
     table: str  # : hash of the object table of the axis
     parameters: dict[str, int]

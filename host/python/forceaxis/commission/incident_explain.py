@@ -81,11 +81,11 @@ class TriedCause:
 @dataclass(frozen=True)
 class Explanation:
     """The possible causes of an incident, sorted with the most likely first. `ticks`: number of
-    ticks that were compared. `touch_s`: time in s from the first contact to the fault, or None if
-    there was no contact. The speed is that of the axis at this contact or, without a contact, at
-    the fault. `explained`: False if no cause reproduces the recorded second (p below 0.001).
-    `repeats`: True if the experiment with the best cause has the same fault. None if there is no
-    such experiment."""
+    ticks that were compared. `touch_s`: time of the first contact in s relative to the fault (not
+    positive), or None if there was no contact. `speed_m_per_s`: speed of the axis at this contact
+    or, without a contact, at the fault. `explained`: False if no cause reproduces the recorded
+    second (p below 0.001). `repeats`: True if the experiment with the best cause has the same
+    fault. None if there is no such experiment."""
 
     where: str
     fault: str

@@ -42,9 +42,8 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# A fit is rejected if a parameter is farther from its prior than PRIOR_DISTANCE_MAX, in standard
-# deviations.
-# The search is limited to the distance SEARCH_RANGE, in standard deviations.
+# A fit is rejected if a parameter is farther than PRIOR_DISTANCE_MAX from its prior.
+# The search is limited to the distance SEARCH_RANGE. Both are in standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # GRID_POINTS: number of start values of each nearly unknown parameter.
@@ -52,8 +51,8 @@ MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # SEARCHES_MAX: number of best points of this grid from which a search begins.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# Spectral lines are near the limiting mode if the logarithm of their frequency ratio is at most
-# this value.
+# A spectral line is near the limiting mode if the logarithms of both frequencies differ by less
+# than this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse

@@ -1,11 +1,12 @@
-"""Tunes the force law of an axis: measures, fits, designs, simulates, writes, verifies and stores
-the law.
+"""Tunes the force law of an axis. The steps are: measure responses, fit a model, design a force
+law, simulate it, write it to the axis, verify it, and store it.
 
-`Tuning(axis, order, folder).run()` runs the steps of STEP_TABLE in order. Each step is a function
-whose arguments are the folder and the results of earlier steps. It returns its own result or raises
-a Refusal. The result is written to a JSON file of the folder. A step with such a file is not run
-again, so an interrupted tuning continues with the next step. The steps `free` and `measure` are in
-tune_measure, the step `fit` is in tune_fit.
+Tuning(axis, order, folder).run() runs the steps of STEP_TABLE one after another. Each step is a
+function whose arguments are the folder of the tuning and the results of earlier steps. The function
+returns the result of the step or raises a Refusal. The result is written to a JSON file in the
+folder. A step with such a file is not run again, so that an interrupted tuning continues with the
+next step. The steps `free` and `measure` are in the module tune_measure, the step `fit` is in
+tune_fit.
 """
 
 import hashlib
@@ -82,35 +83,37 @@ from forceaxis.results import from_json, to_json
 
 R = TypeVar("R")  # result of a step
 
-LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement as a share of the critical gain
+LIMIT_FACTOR = 1 / 6  # gain of the force law for the measurement, divided by the critical gain
 # Factors of stiffness and mass in the set of plants for which the critical gain is computed.
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
-# integral rates among which the law for the measurement is chosen
+# Integral rates among which the force law for the measurement is chosen.
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
-# lowest crossover frequency over the set of plants at which a force settles within seconds
+# Lowest crossover frequency of a loop in the set of plants.
+# With this value, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
-AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
-# Ratio of the highest measured frequency to the highest one at which a loop becomes unstable.
+# if |S| is certain at no frequency, the number of averages is multiplied by this factor
+AVERAGES_FACTOR = 4
+# Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
-# highest frequency at which |S| is verified, as a multiple of the bandwidth fT
+# Highest frequency at which |S| is verified, divided by the bandwidth fT.
 VERIFIED_BAND_FACTOR = 3.0
 BAND_MAX_HZ = 400.0
-# The contact threshold is at least this multiple of the noise.
-# The contact threshold is at least this number of force counts.
+# The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
+# It is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
-# permitted peak force in N of a first contact from the momentum of the axis alone
+# Permitted peak force in N that the momentum of the axis alone causes at a first contact.
 IMPACT_PEAK_N = 10.0
-# If the bandwidth is below this multiple of the bandwidth of law P, a text names the limiting
+# If the bandwidth is less than this factor times that of the P law, a text names the limiting
 # bound.
 BANDWIDTH_FACTOR = 1.7
-NO_MEMORY = -10  # key of REASONS for an axis that has no memory for parameters
+NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
 
 @dataclass(frozen=True)
 class AxisSettings:
-    """Objects of an axis, in engineering values, that `check` compares with the model."""
+    """Objects of an axis, in engineering values. The step `check` compares them with the model."""
 
     adc_bits: int
     force_zero_code: int
@@ -159,8 +162,8 @@ def check_line(tuning: TuningFolder, done: Checked) -> str:
 
 
 def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
-    """Raises Refusal for a fault, for an ADC that differs from the model, or for forces beyond the
-    limits of the axis."""
+    """Raises Refusal if the axis has a fault, if its ADC differs from the model, or if a force of
+    the request is beyond its limits."""
     if held.fault != "none":
         left = f"; {REMEDY_AFTER_KILL}" if held.fault in ORPHANED else ""
         raise Refusal(
@@ -189,8 +192,8 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
 
 
 def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
-    """Returns the model's `force_scale` for an axis without calibration. Raises Refusal if a
-    calibrated scale differs from the model."""
+    """Returns the `force_scale` of the model if the axis was never calibrated. Raises Refusal if
+    the calibrated `force_scale` of the axis differs from that of the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held.force_scale / scale - 1) <= FORCE_SCALE_TOLERANCE:
         return {}
@@ -203,8 +206,8 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
 
 
 def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """Returns a `position_gain` from the critical gain of the model, for an axis without position
-    gain."""
+    """Returns a `position_gain` if the axis has none. It is computed from the critical gain of the
+    model."""
     if held.position_gain:
         return {}
     moves = known.states_apart(str(tuning.model), tuning.states)
@@ -215,8 +218,8 @@ def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 
 def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """Returns an `approach_velocity_max` from the model, for an axis with the default value or with
-    too much momentum."""
+    """Returns an `approach_velocity_max` that is computed from the model, if the axis has the
+    default value or if its value gives the axis too much momentum."""
     slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
     delivered = objects.default("approach_velocity_max")
     if own <= slow and own != delivered:
@@ -245,8 +248,8 @@ def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
     """Returns the lowest `contact_force` that the noise permits, if `contact_force` has the default
     value.
 
-    With a higher threshold, the force of a weak law may stay below the threshold, where the
-    integral action waits.
+    Below `contact_force`, the integral action does not work. With a larger `contact_force`, the
+    force of a weak force law could stay there.
     """
     if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
         return {}
@@ -256,8 +259,8 @@ def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
 
 
 def _approach_velocity(model: Path, facts: PlantFacts) -> int:
-    """Returns the approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in
-    the contact's spring."""
+    """Returns the approach speed in counts/s at which the momentum of the axis causes the peak
+    force IMPACT_PEAK_N in the spring of the contact."""
     with Design(str(model)) as plant:
         contact = plant.tables.contact
         stiffness = plant.value(contact.stiffness) if contact else None
@@ -272,11 +275,12 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
 
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
-    """Returns (filter bank that is stable with a margin on all plants of the prior knowledge,
-    highest frequency in Hz at which the loop may become unstable).
+    """Returns a filter bank for the measurement, and the highest frequency in Hz at which its loop
+    may become unstable. With this filter bank, the loop is stable with a margin for all plants of
+    the prior knowledge.
 
     The integral action of the bank brings the force to the set-point. Raises Refusal if the gain is
-    so small that the smallest set-point rounds to no command.
+    so small that the command for the smallest set-point is rounded to 0.
     """
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
@@ -302,7 +306,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
             best = gain * slowest, replace(bank, force_gain=gain), highest
         if best[0] > CROSSOVER_RAD_PER_S:
             break
-    assert best is not None  # never reached, because RATES_RAD_PER_S is not empty
+    assert best is not None  # `best` is set, because RATES_RAD_PER_S is not empty
     bank = best[1].quantised()
     if why := linear.facts(model).dead_law(bank.gain_at_rest(), min(tuning.order.forces)):
         raise Refusal("dead_zone", why)
@@ -310,7 +314,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
 
 
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
-    """Designs a filter bank for the set of plants about the fitted values."""
+    """Designs a filter bank for the set of plants around the fitted values."""
     order = tuning.order
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
@@ -351,8 +355,8 @@ def design_line(tuning: TuningFolder, done: Designed) -> str:
 
 
 def _cut(designed: DesignResult) -> str:
-    """Returns text about the reduction of the gain after simulated contacts and the reason, or ""
-    without a reduction."""
+    """Returns a text about the reduction of the gain because of simulated contacts, and its reason.
+    Returns "" if the gain was not reduced."""
     times, chosen = designed.gain_reductions, designed.chosen
     if not times:
         return ""
@@ -369,8 +373,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Returns the bandwidth of the filter bank divided by the bandwidth of the P law, or None if no
-    gain of P keeps the margins."""
+    """Returns the bandwidth of the filter bank divided by that of the P law. Returns None if the P
+    law keeps the margins with no gain."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None
@@ -378,18 +382,18 @@ def _times_p(designed: DesignResult) -> float | None:
 
 
 def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
-    """Returns the largest gain at high frequency in DAC codes per 8-bit count, or None if the noise
-    is not known.
+    """Returns the largest permitted gain at high frequencies in DAC codes per 8-bit count, or None
+    if the noise is not known.
 
-    The bound of the firmware assumes a noise of one ADC code. In addition, the noise at the output
-    of the law has to keep the drive linear.
+    The bound in the firmware assumes a noise of one ADC code. In addition, the noise at the output
+    of the force law must be so small that the drive stays linear.
     """
     noise = checked.rest.noise_lsb
     if noise is None:
         return None
     bits = linear.facts(tuning.model).required_reading.bits
     most = hf_most(bits)
-    # rms limit of a uniform noise whose amplitude keeps the drive linear
+    # Rms value of uniform noise with the largest amplitude at which the drive stays linear.
     rms_codes = known.NOISE_PEAK_FACTOR * known.linear_codes(tuning.model) / math.sqrt(3)
     linear_gain = rms_codes / (noise * 2.0 ** (8 - bits))
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
@@ -398,8 +402,8 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
 def simulate(
     tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
 ) -> Simulated:
-    """Simulates contacts and impacts with the fitted plant, and contacts with plants sampled at
-    random from the set, all with the firmware."""
+    """Simulates contacts and impacts with the fitted plant, and contacts with random plants of the
+    set of plants. The firmware is part of all simulations."""
     return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
 
 
@@ -414,7 +418,7 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
 
 
 def write(tuning: TuningFolder, designed: Designed) -> Written:
-    """Writes the filter bank to the axis after a copy of the previous values has been written to a
+    """Writes the filter bank to the axis. Before that, writes a copy of the previous values to a
     file."""
     axis, values = tuning.axis, designed.objects
     disable(axis)
@@ -448,7 +452,7 @@ def write_line(tuning: TuningFolder, done: Written) -> str:
 
 
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
-    """Writes the filter bank again if the axis has lost the bank in a power cut or a reset."""
+    """Writes the filter bank again if the axis has lost it because of a power cut or a reset."""
     names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
     if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
         tuning.say("the axis has lost the bank; the bank is written again")
@@ -456,14 +460,13 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
 
 
 def _restore_earlier_law(tuning: TuningFolder) -> None:
-    """Restores the values that the objects had before write(). After this call, the step `write`
-    has to run again."""
+    """Restores the values of the objects before write(). The step `write` must then run again."""
     as_found.replace_saved(tuning, BEFORE.required(tuning.folder))
     as_found.put_back(tuning)
     for name in (
         WRITE.file.name,
         BEFORE.name,
-    ):  # At a repeated write(), the previous law of the axis may be different.
+    ):  # when write() is repeated, the previous force law of the axis may be another one
         (tuning.folder / name).unlink(missing_ok=True)
 
 
@@ -471,8 +474,8 @@ def verify(
     tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
-    """Measures the responses again with the active filter bank, and Ms of the loop with
-    this bank."""
+    """Measures the responses again with the active filter bank. Also measures Ms of the loop with
+    this filter bank."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
     high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)
@@ -503,8 +506,8 @@ def verify(
 def _verified(
     fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
 ) -> tuple[VerifiedResponse, TuningOrder]:
-    """Returns (response at a force with the measured Ms, order with the number of averages of this
-    response)."""
+    """Returns the response at a force with the measured Ms. Also returns the request, with the
+    number of averages that this response needed."""
     tuning = fitted_axis.tuning
     touched: list[contact.TouchDown] = []
 
@@ -514,7 +517,7 @@ def _verified(
         return level
 
     rubs = bool(fitted_axis.fitted.friction)
-    for factor in (1, AVERAGES_FACTOR):  # A response with a small amplitude needs more averages.
+    for factor in (1, AVERAGES_FACTOR):  # a response with a small amplitude needs more averages
         used = replace(order, averages=factor * order.averages)
         asked = measuring_order(tuning, used, first=first, rubs=rubs)
         level, figures = take_response(
@@ -565,9 +568,9 @@ def store_line(tuning: TuningFolder, done: Stored) -> str:
 
 @dataclass(frozen=True)
 class TuningStep(Generic[R]):
-    """One step of a tuning. The function `function` gets the folder and the results of the steps in
-    `takes`, and returns the result, which is written to `file`. The function `line` returns a text
-    about the result."""
+    """One step of a tuning. `function` is called with the TuningFolder and the results of the steps
+    in `takes`, and returns the result of the step. The result is written to `file`. `line` is a
+    function that returns a text about the result."""
 
     name: str
     function: Callable[..., R]
@@ -576,12 +579,12 @@ class TuningStep(Generic[R]):
     line: Callable[[TuningFolder, R], str]
 
     def done(self, tuning: TuningFolder) -> R | None:
-        """Returns the result of the step, or None if the step is not done."""
+        """Returns the result of the step, or None if the step was not done yet."""
         held = self.file.read(tuning.folder)
         return None if held is None else held.result
 
     def result(self, tuning: TuningFolder) -> R:
-        """Returns the result of the step. Raises Refusal if the step is not done."""
+        """Returns the result of the step. Raises Refusal if the step was not done yet."""
         done = self.done(tuning)
         if done is None:
             raise Refusal(
@@ -644,15 +647,16 @@ IN_ORDER: tuple[AnyStep, ...] = (
 )  # fmt: skip
 STEP_TABLE = {step.name: step for step in IN_ORDER}
 STEPS = tuple(STEP_TABLE)
-# {field of the order: first step that has to run again after a change of the field}
-# The step `check` always runs.
+# {field of the request: first step that must run again after a change of this field} The step
+# `check` always runs.
 AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
-AXIS_KEYS = ("object_table_hash", "serial_number")  # keys of a TuningIdentity, in its order
+# names of objects, in the order of the fields of a TuningIdentity
+AXIS_KEYS = ("object_table_hash", "serial_number")
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
@@ -666,13 +670,13 @@ def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
 
 
 class Tuning(TuningFolder):
-    """Runs the steps of a tuning on an Axis that is owned and disabled. The folder `folder` may be
-    new.
+    """Runs the steps of a tuning on an axis that this program owns and that is disabled. The folder
+    `folder` is created if it does not exist.
 
-    say(text): reports each step and its actions. If the folder contains a tuning with another order
-    or model, the results that do not depend on the change are kept and reported. Raises InputError
-    if the folder belongs to another axis, contains a damaged file, or if the order names something
-    that the model lacks.
+    say(text): function that shows each step and its actions. If the folder contains a tuning with
+    another request or model, the results that do not depend on the change are kept. Raises
+    InputError if the folder belongs to another axis, if it contains a damaged file, or if the
+    request names something that the model does not have.
     """
 
     def __init__(
@@ -681,7 +685,7 @@ class Tuning(TuningFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, order, folder, say)
         self.step = STEPS[0]
-        # Steps that are done and stay valid when an earlier step runs again.
+        # Names of steps that are done and stay valid when an earlier step runs again.
         self.kept: frozenset[str] = frozenset()
         self.refused: StepRefusal | None = None
         self._check_files()
@@ -709,9 +713,11 @@ class Tuning(TuningFolder):
             read_touch_down(file)
 
     def _claim(self) -> None:
-        """Writes the order into the folder, and keeps the steps that the change of the order does
-        not affect. Raises InputError for a folder of another axis."""
-        # The order with the types that a file gives: 30 becomes 30.0, a list becomes a tuple.
+        """Writes the request to the folder. If the request has changed, keeps the results of the
+        steps that do not depend on the change. Raises InputError if the folder belongs to another
+        axis."""
+        # The types of the values become those of a request from a file: 30 becomes 30.0, a list
+        # becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, *map(self.axis.integer, AXIS_KEYS))
@@ -728,14 +734,14 @@ class Tuning(TuningFolder):
         TUNE.write(self.folder, identity)
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
-        """If the order or the model has changed, deletes the results of the steps that depend on
-        it, and reports the change."""
+        """If the request or the model has changed, shows the change, and deletes the results of the
+        steps that depend on it."""
         changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
         if held.model_sha256 != identity.model_sha256:
             changes["model"] = "the model"
             first.append(STEPS.index(AGAIN_FROM["model"]))
-        if not first:  # No step depends on the change: only the name of the model is different.
+        if not first:  # only the name of the model has changed, on which no step depends
             return
         done = [step for step in STEPS if self._file(step).exists()]
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
@@ -753,9 +759,9 @@ class Tuning(TuningFolder):
         return self.folder / STEP_TABLE[step].file.name
 
     def run(self, only: str | None = None) -> TuningSummary:
-        """Runs all steps that are not done, or only the step `only` even if this step is done.
-        Returns the summary. After a Refusal or another exception, the axis has its previous
-        parameters."""
+        """Runs all steps that were not done yet. If `only` is given, runs only this step, even if
+        it was already done. Returns the summary. After a Refusal or another exception, the axis has
+        its previous parameters."""
         self.step = only or STEPS[0]
         try:
             if len(self.order.forces) < 2:
@@ -783,19 +789,20 @@ class Tuning(TuningFolder):
         if not again and step.done(self) is not None:
             self.say(f"{place}: done before")
             return
-        for later in STEPS[index:]:  # The results of later steps depend on the replaced result.
+        # the results of later steps depend on the result that is replaced
+        for later in STEPS[index:]:
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
         try:
             text = step.run(self)
         except (Refusal, Refused, NoAnswer) as error:
-            if step.name == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
+            if step.name == STEPS[0] and isinstance(error, Refusal):  # the axis was not changed
                 raise
             raise of_link(self.axis, error) from None
         self.say(f"{place}: {text}")
 
     def summary(self) -> TuningSummary:
-        """Returns the summary of the results of all steps that are done."""
+        """Returns the summary of the results of all steps that were done."""
         files = {
             name: held for name, step in STEP_TABLE.items()
             if (held := step.file.read(self.folder)) is not None

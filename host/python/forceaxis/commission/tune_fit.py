@@ -1,4 +1,4 @@
-"""The step `fit` of a tuning: parameters of the model and dry friction."""
+"""The step `fit` of a tuning. It fits the parameters of the model and the dry friction."""
 
 import math
 from dataclasses import replace
@@ -45,34 +45,39 @@ from forceaxis.words import plain
 
 Frictions = tuple[friction_models.FrictionElement, ...]
 
-# Standard deviation of the logarithm of a damper that replaces friction.
+# Prior standard deviation of the logarithm of the damping that replaces friction.
 # The first value is for an axis that slides, the second for an axis that sometimes sticks.
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
-# damping in N s/m that replaces the friction of a workpiece that does not slide
+# Damping in N s/m that replaces the friction of a workpiece that does not slide.
 STUCK_DAMPING = 1e6
-# relative error of a response that is fitted with a damper in place of friction
+# Relative error of a response that is fitted with a damper in place of friction, for an axis that
+# slides and for an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
-# frequency in Hz and relative error of the response from _speed_response()
+# Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
-TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
-# Largest relative standard error with which the sines determine the mass of a workpiece.
+# relative error of a stiffness that is computed from the travel between two forces
+TRAVEL_STIFFNESS_ERROR = 0.1
+# The test with sines determines the mass of a workpiece if its relative standard error is below
+# this value.
 SINE_MASS_ERROR_MAX = 0.2
-SINE_ERROR_MIN = 0.04  # smallest relative error of the stiffness and mass of a workpiece from sines
-REFIT_CHANGE = 0.02  # relative change of the values from sines above which the fit is repeated
-# Range of the dampings in the design for an axis with dry friction.
-# The unit is the standard deviation of the prior, to both sides.
+SINE_ERROR_MIN = 0.04  # smallest relative error of stiffness and mass from the test with sines
+# the fit is repeated if the values from the test with sines change by more than this fraction
+REFIT_CHANGE = 0.02
+# The design for an axis with dry friction uses dampings within this range around the prior.
+# The range is in standard deviations of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
-# Factor about the prior for the mass of a workpiece that does not slide:
-# the mass is between prior / factor and prior * factor.
+# The mass of a workpiece that does not slide is assumed to be between prior / factor and prior *
+# factor.
 UNKNOWN_MASS_FACTOR = 3.0
-# Two responses differ if noise alone causes the difference with a smaller probability.
+# Two responses are regarded as different if noise alone causes such a difference with a smaller
+# probability.
 DIFFERENCE_PROBABILITY = 1e-4
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
 
 
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
-    """Fits the model's parameters to all responses and to the prior values."""
+    """Fits the parameters of the model to all responses and to their prior values."""
     order, given = tuning.order, tuning.given
     every = ["free", *(f"{force:g}N" for force in order.forces)]
     moving_N = tune_measure.moving_N(tuning, free)
@@ -81,7 +86,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
-    own: list[dict[str, Prior]] = []  # relative errors of each response, as in `errors`
+    # for each response: priors of the parameters that belong only to it
+    own: list[dict[str, Prior]] = []
     errors: list[float] = []
     if frictions:
         dampers = friction_models.at_both_ends(given, frictions)
@@ -110,11 +116,13 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     found = fitted(before)
     again = _workpiece(tuning, frictions, measured, found.best)
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
-        # The values from sines become more accurate with the fitted stiffness of the sensor.
+        # With the fitted stiffness of the sensor, the values from the test with sines are more
+        # accurate.
         found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
-    assert found.plants is not None and found.intervals is not None  # an accepted fit has both
+    # an accepted fit always has both
+    assert found.plants is not None and found.intervals is not None
     changes: list[str] = []
     if frictions:
         found.plants, changes = _with_tolerances(
@@ -133,7 +141,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
-    """Returns the text that reports the varied parameters of `fit`."""
+    """Returns the text about the result of `fit`. It states the parameters that vary in the
+    design."""
     named = plant_set.ranges_of(done.model, tuning.order.over)
     rows = done.parameters
     text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
@@ -145,15 +154,15 @@ def fit_line(tuning: TuningFolder, done: Fitted) -> str:
 
 
 def _spans(done: Fitted) -> list[tuple[str, float, float]]:
-    """Returns (parameter, lowest value, highest value) of the designed set, with the intervals of
-    the fit."""
+    """Returns for each parameter its name, and its lowest and highest value in the set of plants
+    for the design. The intervals of the fit are included."""
     ranges = plant_set.ranges_of(done.model, done.over or (), done.values)
     return [(name, low, high) for name, (_, low, high) in ranges.items()]
 
 
 def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:
-    """Returns (reason for rejecting a fit, TOML of the candidates that would explain the
-    responses)."""
+    """Returns two texts: reason for the rejection of a fit, and TOML text of the candidates that
+    would explain the responses."""
     if found.rejected != "chi2":
         return found.text, ""
     tuning.say("the model does not explain the responses: parts that it may lack are tried")
@@ -167,14 +176,14 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
 
 
 def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
-    """Returns the frictions that act under the workpiece. All other frictions act in guide and
-    gear."""
+    """Returns those friction elements that are between the workpiece and its table. All others are
+    in guide and gear."""
     return tuple(one for one in frictions if friction_models.of_workpiece(tuning.given, one))
 
 
 def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
-    """Reports the friction elements that the model lacks, writes the completed model, and returns
-    the elements as TOML."""
+    """Shows the friction elements that have to be added to the model, and writes the completed
+    model. Returns these elements as TOML text."""
     if not frictions:
         return ""
     text = friction_models.with_friction(tuning.given, frictions)
@@ -192,10 +201,10 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
 def _closed(
     tuning: TuningFolder, names: list[str], frictions: Frictions, measured: MeasuredResponses
 ) -> list[str]:
-    """Returns the responses during which the backlash of the gear stays closed.
+    """Returns the names of the responses during which the backlash of the gear stays closed.
 
-    If the force that moves the load back is smaller than the friction of the load, the motor moves
-    within the backlash, and no linear model describes the response. Out of contact nothing moves
+    If the force that pushes the load back is smaller than the friction of the load, the motor moves
+    within the backlash. No linear model describes such a response. Out of contact, no force pushes
     the load back. Raises Refusal if no response in contact remains.
     """
     if not known.play_counts(tuning.given):
@@ -220,11 +229,13 @@ def _dampers(
     tuning: TuningFolder, name: str, frictions: Frictions, free: FreeResponse,
     measured: MeasuredResponses,
 ) -> dict[str, Prior]:  # fmt: skip
-    """Returns {parameter: Prior} of the dampers that replace the frictions in a response."""
+    """Returns {parameter: Prior} of the dampers that replace the friction elements in a
+    response."""
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     response: ResponseFigures = free if name == "free" else measured.levels[name]
     speed_m_per_s = response.speed_rms / scale
-    # speed_rms is the rms rate of change of the force; compliances are in counts/N
+    # speed_rms is the rms rate of change of the force in this case.
+    # The compliances are in counts/N.
     if name != "free":
         speed_m_per_s *= measured.between.compliance + measured.between.sliding
     on_table = _under_workpiece(tuning, frictions)
@@ -248,8 +259,8 @@ def _error(name: str, frictions: Frictions) -> float:
 
 
 def _speed_response(free: FreeResponse, apart: Measurement) -> Measurement:
-    """Returns the speed per DAC code of the sliding axis, as a response with one frequency.
-    Friction does not change this speed, because the axis slides in one direction."""
+    """Returns the speed per DAC code of the sliding axis, in the form of a response with a single
+    frequency. Friction does not change this speed, because the axis slides in one direction."""
     exact = complex(free.glide.rate / (2j * np.pi * SPEED_RESPONSE_HZ))
     one = np.ones(1)
     return replace(
@@ -267,8 +278,9 @@ def _workpiece(
     tuning: TuningFolder, frictions: Frictions, measured: MeasuredResponses,
     best: Values | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
-    """Returns the priors of a workpiece with dry friction, from the travel between the forces and
-    from sines. `best` is {parameter: value} of an earlier fit; None before the first fit."""
+    """Returns the priors of stiffness and mass of a workpiece with dry friction. They are computed
+    from the travel between the forces and from the test with sines. `best`: {parameter: value} of
+    an earlier fit, or None before the first fit."""
     on_table = _under_workpiece(tuning, frictions)
     if not any(one.newton > 0 for one in on_table):
         return {}
@@ -282,14 +294,16 @@ def _workpiece(
     if stiffness and sliding:
         value = abs(facts.required_encoder.scale) / sliding
         found[stiffness] = Prior(value, TRAVEL_STIFFNESS_ERROR)
-        if shaken:  # mean of the values from travel and from sines, weighted by the errors
+        # mean of both stiffnesses (from travel and from sines), weighted by their errors
+        if shaken:
             error = max(SINE_ERROR_MIN, shaken.stiffness_error)
             weights = np.array([TRAVEL_STIFFNESS_ERROR**-2, error**-2])
             mean = np.exp(weights @ np.log([value, shaken.stiffness]) / weights.sum())
             found[stiffness] = Prior(float(mean), float(weights.sum() ** -0.5))
     if mass and shaken and _determine_mass(shaken):
         found[mass] = Prior(shaken.mass, max(SINE_ERROR_MIN, shaken.mass_error))
-    elif mass and mass not in given:  # see _with_tolerances()
+    # for the mass of a workpiece that did not slide, see _with_tolerances()
+    elif mass and mass not in given:
         if not all(one.declared for one in on_table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, but dry friction of "
@@ -318,14 +332,15 @@ def _with_tolerances(
     frictions: Frictions,
     measured: MeasuredResponses,
 ) -> tuple[PlantSet, list[str]]:
-    """Returns (set of plants of a design for an axis with dry friction, a text for each parameter
-    whose value differs from the fit). `plants`: the set about the fitted values `values`.
-    `sheet`: the prior values.
+    """Returns the set of plants for a design with dry friction. Also returns a text for each
+    parameter whose value in the design differs from the fit. `plants`: set of plants around the
+    fitted values `values`. `sheet`: the prior values.
 
-    The fit represents dry friction by dampers, one set for each response. The plant of the design
-    has no such dampers, because it slides. The fit cannot distinguish friction from damping. All
-    dampings of the design are therefore together at the low or at the high end of the prior,
-    DAMPING_DEVIATIONS from its value; a fitted value below the low end replaces the low end.
+    In the fit, dampers represent the dry friction of each response. The plant of the design has no
+    such dampers, because it slides. The fit cannot distinguish friction from damping. Therefore all
+    dampings of the design are together either at the low end or at the high end of a range around
+    the prior, DAMPING_DEVIATIONS from its value. If a fitted value is below the low end, it
+    replaces the low end.
     """
     parameters = linear.facts(plants.model).parameters
     ranges, lines = dict(plants.ranges), []
@@ -358,21 +373,21 @@ def _with_tolerances(
 
 
 def _name(given: Given | None) -> str | None:
-    """Returns the name of the parameter that gives a value in a model file, or None for
+    """Returns the name of the parameter that a model file gives as a value, or None if the value is
     a number."""
     return given if isinstance(given, str) else None
 
 
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
-    """Returns (parameter of the stiffness of the contact, parameter of the damping of the contact),
-    with None for a constant number."""
+    """Returns the names of two parameters: stiffness and damping of the contact. A name is None if
+    the model has a number instead of a parameter."""
     contact = model_file.read(model).contact
     return (_name(contact.stiffness), _name(contact.damping)) if contact else (None, None)
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
-    """Returns (parameter of the stiffness between workpiece and ground, parameter of the
-    workpiece's mass), with None for a constant number."""
+    """Returns the names of two parameters: stiffness between workpiece and ground, and mass of the
+    workpiece. A name is None if the model has a number instead of a parameter."""
     tables = model_file.read(model)
     support, body = tables.support, tables.body(tables.workpiece)
     return _name(support.stiffness) if support else None, _name(body.mass) if body else None
@@ -381,10 +396,11 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
 def _differing(
     tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
 ) -> list[str]:
-    """Compares the two responses of each force, which have a larger and a smaller amplitude.
+    """Compares the two responses at each force. One has a larger amplitude, the other a smaller
+    one.
 
-    Returns the folders of the smaller-amplitude responses that differ, and writes the differences
-    to the result of `measure`.
+    Returns the folders of those responses with the smaller amplitude that differ from the other
+    one. Also writes these differences to the result of the step `measure`.
     """
     found, levels = [], dict(measured.levels)
     for name in names:
@@ -403,8 +419,8 @@ def _differing(
 
 
 def _probability(one: Measurement, other: Measurement) -> float:
-    """Returns the probability that noise alone makes two responses at the same spectral lines
-    differ this much."""
+    """Returns the probability that noise alone causes such a difference between two responses,
+    which have the same spectral lines."""
     variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
     dof = min(one.dof, other.dof)
     ratio = abs(one.response - other.response) ** 2 / variance
@@ -414,7 +430,8 @@ def _probability(one: Measurement, other: Measurement) -> float:
 
 def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
     """Returns text lines about the forces and amplitudes for which the predictions are valid, and
-    about forces that were not measured. `fitted` is the result of the fit, None before the fit."""
+    about forces that were not measured. `fitted`: result of the step `fit`, or None before this
+    step."""
     between, frictions = measured.between, fitted.friction if fitted else ()
     lines = [
         f"the axis was moved slowly between {between.low_N:.3g} and {between.high_N:.3g} N: "

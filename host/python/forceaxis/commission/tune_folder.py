@@ -1,7 +1,8 @@
-"""The folder of a tuning: order, identity of the axis, and JSON files of the steps.
+"""The folder of a tuning. It contains the request, the identity of the axis, and a JSON file for
+each finished step.
 
-A dataclass defines the content of each file. A file that is damaged or missing is reported in one
-line that says what to do.
+A dataclass defines the content of each file. If a file is damaged or missing, the error text has
+one line and states the remedy.
 """
 
 import math
@@ -24,15 +25,15 @@ from forceaxis.identify.fit import read_response
 
 R = TypeVar("R")
 
-RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"  # files of the folder
+RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"  # names of model files in the folder
 TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
 NEW_FOLDER = "delete the folder or give another one"
 
 
 @dataclass(frozen=True)
 class StepFile(Generic[R]):
-    """The content of the file of a finished step: the result, and the duration in s as wall time
-    and as time of the axis."""
+    """The content of the file of a finished step. It has the result of the step and its duration in
+    s, by the wall clock and by the clock of the axis."""
 
     seconds: float
     axis_seconds: float
@@ -41,12 +42,14 @@ class StepFile(Generic[R]):
 
 @dataclass(frozen=True)
 class TuningOrder:
-    """The options of `tune`. `model`: path or file name of the model, which gives the prior values.
+    """The request for a tuning: the options of `tune`. `model`: path or file name of the model,
+    which contains the prior values.
 
-    `forces`: in N. `over`: texts NAME=PERCENT% or NAME=LOW..HIGH. `priors`: texts NAME=VALUE or
-    NAME=VALUE+-PERCENT%, which replace prior values of the model. `states`: texts ELEMENT=STATE, in
-    which the model is linearised. `ms`: largest permitted Ms. `averages`: number per response.
-    `travel_mm`: limit of the motion by the excitation. `seed`: seed of the noise.
+    `forces`: forces in N at which responses are measured. `over`: tolerances as texts NAME=PERCENT%
+    or NAME=LOW..HIGH. `priors`: texts NAME=VALUE or NAME=VALUE+-PERCENT%, which replace prior
+    values of the model. `states`: states in which the model is linearised, as texts ELEMENT=STATE.
+    `ms`: largest permitted Ms. `averages`: number of averages for each response. `travel_mm`:
+    largest motion in mm that the excitation may cause. `seed`: seed of the noise.
     """
 
     model: str
@@ -64,7 +67,8 @@ class TuningOrder:
 
 @dataclass(frozen=True)
 class TuningIdentity:
-    """Identity of the tuning in a folder: the order, the content of the model, and the axis."""
+    """Identity of the tuning in a folder: the request, the content of the model, and the identity
+    of the axis."""
 
     order: TuningOrder
     model_sha256: str
@@ -85,11 +89,12 @@ LEVELS = FolderFile("measure.json", StepFile[dict[str, PressedResponse]])
 
 @dataclass(frozen=True)
 class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
-    """The three files of the step `measure`. The file LEVELS is written last, because the existence
-    of LEVELS means that the step is done."""
+    """The three files of the step `measure`. The file LEVELS is written last, because its existence
+    means that the step is done."""
 
     def read(self, folder: Path) -> StepFile[MeasuredResponses] | None:
-        """Returns the result of the step, or None if the step is not done. Raises InputError."""
+        """Returns the result of the step, or None if the step was not done yet. Raises
+        InputError."""
         levels = LEVELS.read(folder)
         if levels is None:
             return None
@@ -100,7 +105,7 @@ class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
         """Replaces the three files of the step `measure`."""
         result = content.result
         BETWEEN.write(folder, result.between)
-        # This file belongs to an earlier measurement that is now replaced.
+        # In this case, an existing file belongs to the earlier measurement, so it is deleted.
         if result.shaken is None:
             (folder / SHAKEN.name).unlink(missing_ok=True)
         else:
@@ -112,14 +117,15 @@ MEASURED = MeasuredFile(LEVELS.name, StepFile[MeasuredResponses])
 
 
 def small_of(name: str) -> str:
-    """Returns the folder of the smaller-amplitude response that belongs to the response `name`."""
+    """Returns the name of the folder for the response with the smaller amplitude. `name`: response
+    with the larger amplitude."""
     return f"{name}-small"
 
 
 @dataclass(frozen=True)
 class TouchDownRecord:
-    """The file of a first contact: times in s (0 at the contact), recorded and predicted force in
-    N."""
+    """The content of the file of a first contact: times in s from the contact, recorded force in N,
+    and predicted force in N."""
 
     time_s: Samples
     force_N: Samples
@@ -133,7 +139,8 @@ def read_touch_down(file: Path) -> TouchDownRecord:
         good = table.dtype.names == TOUCH_DOWN_COLUMNS and table.ndim == 1 and len(table) > 1
         record = TouchDownRecord(*(table[name] for name in TOUCH_DOWN_COLUMNS))
         good = good and bool(np.isfinite(record.time_s).all())
-    except (ValueError, LookupError, TypeError):  # TypeError: names of no columns, in NumPy
+    # NumPy raises TypeError if the file has no column names
+    except (ValueError, LookupError, TypeError):
         good = False
     if not good:
         raise InputError(
@@ -145,11 +152,11 @@ def read_touch_down(file: Path) -> TouchDownRecord:
 
 
 class TuningFolder(as_found.AxisFolder):
-    """An Axis that is owned and disabled, an order, and `folder`, which may be new. A TuningFolder
-    is the first argument of each step.
+    """The first argument of each step of a tuning. It has the axis, which this program owns and
+    which is disabled, the request, and the folder, which is created if it does not exist.
 
-    say(text): reports each step and its actions. Raises InputError if the order names something
-    that the model lacks.
+    say(text): function that shows each step and its actions. Raises InputError if the request names
+    something that the model does not have.
     """
 
     def __init__(
@@ -158,23 +165,24 @@ class TuningFolder(as_found.AxisFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, folder, say)
         self.order, self.given = order, linear.find_model(order.model)
-        # This call precedes the writing of a file, because the call may raise InputError.
+        # This call may raise InputError, so it must come before any file is written.
         known.priors(str(self.given), order.over, order.priors)
         #: states of the elements in which the loops are linearised
         self.states: dict[str, str] = linear.states(order.states)
         if self.states:
-            # Checks the states: raises InputError for a state that the model lacks.
+            # This call raises InputError for a state that the model does not have.
             sets.slopes(self.given, fixed=self.states)
 
     @property
     def model(self) -> Path:
-        """Path of the model: the given file, or the file to which `fit` has added measured
-        friction."""
+        """Path of the model. It is the given file, or the file in the folder to which the step
+        `fit` has added the measured friction."""
         own = self.folder / FITTED_MODEL
         return own if own.exists() else self.given
 
     def check_response(self, name: str, step: str) -> None:
-        """Raises InputError if the folder of a response, measured by `step`, is damaged."""
+        """Raises InputError if the folder of a response is damaged. `step`: name of the step that
+        has measured the response."""
         try:
             read_response(self.folder / name, self.given)
         except InputError as error:

@@ -1,4 +1,4 @@
-"""The measuring steps of a tuning, and the settings of the axis for these steps."""
+"""The steps `free` and `measure` of a tuning, and the settings of the axis for them."""
 
 import contextlib
 import datetime
@@ -38,13 +38,15 @@ from forceaxis.linear.plant_set import PlantSet
 A = TypeVar("A", bound=Analyzer)
 
 AVERAGES_MIN = 5  # smallest number of averages for a response with a small error
-AMPLITUDE_RATIO = 3  # ratio of the first to the second amplitude of the excitation at each force
-# An axis that has coasted farther than this multiple of the permitted travel is not moved back.
+# first amplitude of the excitation at each force, divided by the second amplitude
+AMPLITUDE_RATIO = 3
+# An axis that has coasted farther than this many times the permitted travel is not moved back.
 COASTED_TRAVELS = 5
 
 
 def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
-    """Measures the friction out of contact, then the response from the DAC code to the encoder."""
+    """Measures the friction out of contact, and then the frequency response from the DAC code to
+    the encoder."""
     settings = checked.settings
     with analyzing(tuning, settings, measuring_order(tuning), Analyzer) as measures:
         measures.rest()
@@ -72,11 +74,11 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """After a killed run that left the axis moving: moves the axis back to the position that it had
-    in the step `check`, and disables the axis. `start` is this position in counts.
+    """Moves the axis back to its position in the step `check`, and disables it. This is needed
+    after a killed run that left the axis moving. `start`: this position in encoder counts.
 
     An axis that is too far away is not moved (COASTED_TRAVELS). The position is valid, because the
-    encoder counts while a fault is latched.
+    encoder continues to count while a fault is latched.
     """
     if abs(tuning.axis.integer("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
@@ -86,14 +88,14 @@ def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
-    """Returns the dry friction of guide and gear in N, converted from DAC codes by the model, or 0
-    without friction."""
+    """Returns the dry friction of guide and gear in N, which is converted from DAC codes with the
+    model. Returns 0 if there is no friction."""
     return free.glide.dead_zone * known.newton_per_code(tuning.model) if free.glide.rubs else 0.0
 
 
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
-    """Measures the compliance between the forces, then the responses from the DAC code to the
-    measured force at each force, with two amplitudes."""
+    """Measures the compliance between the forces. Then measures, at each force and with two
+    amplitudes, the frequency response from the DAC code to the measured force."""
     levels: dict[str, PressedResponse] = {}
     first = 1
     order = replace(tuning.order, band_hz=checked.band_hz)
@@ -111,7 +113,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
 
-        # the largest amplitude that the drive permits, so that the axis slides most of the time
+        # With the largest amplitude that the drive permits, the axis slides most of the time.
         if rubs:
             first = MOST_CODES
         asked = measuring_order(tuning, order, first=first, rubs=rubs)
@@ -135,7 +137,7 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to the position of the step `check`, because a disabled axis with friction
+    """Moves the axis to its position in the step `check`. Otherwise a disabled axis with friction
     would stay in contact."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
@@ -145,16 +147,16 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 def _between(
     tuning: TuningFolder, law: Settings, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
-    """Returns two values: the result of a slow change of the force over all forces and over the
-    range of the excitation, and the settings `law` with the present `contact_loss_cap` of the
-    axis."""
+    """Changes the force slowly over all forces and over the range of the excitation. Returns two
+    values: the result of this change, and the settings `law` with the present `contact_loss_cap` of
+    the axis."""
     low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
         # An axis that is still in contact does not approach again.
         # The `contact_loss_cap` of the first contact therefore remains.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
-        # the model states all friction in newtons of the model
+        # All friction is stated with the force scale of the model.
         force *= abs(linear.facts(tuning.model).required_reading.per_count) / measures.newton
     found = friction.slow_loading(force, place, known.rigid_counts(tuning.model))
     step = (found.high_N - found.low_N) / friction.FORCE_BINS
@@ -183,19 +185,20 @@ def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
 ) -> sine_excitation.SineTestResult | None:
     """Measures the workpiece with sines at the largest force. Returns None if the workpiece does
-    not slide within the limits, or if it stuck before and the model does not know its stiffness.
-    `rate` is the speed of the axis in encoder counts/s per DAC code.
+    not slide within the limits. Also returns None if it did not slide before and its stiffness is
+    not in the model. `rate`: speed of the axis in encoder counts/s per DAC code.
     """
     facts = linear.facts(tuning.model)
     scale = abs(facts.required_encoder.scale)
-    # A workpiece that stuck between all forces has shown no compliance: the model gives its spring.
+    # If the workpiece never slid, its compliance was not measured and is taken from the model.
     sliding = slow.sliding or known.behind_counts(tuning.model)
     if not sliding:
         return None
     sensor, workpiece = scale / slow.compliance, scale / sliding
     drive = known.SineBounds(str(tuning.model))
     # At the lowest frequency the stiffness determines the motion of the workpiece.
-    # At the highest frequency the mass determines the motion, for each mass in the prior's range.
+    # At the highest frequency the mass determines the motion, for each mass in the range of the
+    # prior.
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
@@ -218,8 +221,8 @@ def _shaken(
 
 
 def force_objects(tuning: TuningFolder) -> Settings:
-    """Returns the objects for the largest force plus the range of the excitation: rated force,
-    limit and slope of the force."""
+    """Returns values of the objects that limit the force: rated force, force limit and slope of the
+    force. They permit the largest force plus the range of the excitation."""
     return {
         "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
         "force_slope": 2000,
@@ -230,8 +233,9 @@ def measuring_order(
     tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
     rubs: bool = False,
 ) -> MeasuringOrder:  # fmt: skip
-    """Returns the order of an Analyzer. `order` is by default the order of the tuning. `first`,
-    `amplitude` and `rubs` are fields of MeasuringOrder."""
+    """Returns the request for a measurement with an Analyzer. `order`: request for a tuning, by
+    default that of `tuning`. `first`, `amplitude`, `rubs`: values of these fields of
+    MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
     return MeasuringOrder(
@@ -243,7 +247,8 @@ def measuring_order(
 
 
 def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:
-    """Returns an Analyzer of the axis. `order` is by default the order of the tuning."""
+    """Returns an Analyzer of the axis. `order`: request for a tuning, by default that of
+    `tuning`."""
     return Analyzer(tuning.axis, measuring_order(tuning, order), tuning.model, {}, tuning.say)
 
 
@@ -251,8 +256,8 @@ def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analy
 def analyzing(
     tuning: TuningFolder, settings: Settings, order: MeasuringOrder, kind: type[A]
 ) -> Iterator[A]:
-    """Context that disables the axis, writes `settings` and returns an Analyzer of type `kind`. The
-    context restores the previous values at the end."""
+    """Context that disables the axis, writes `settings` to it, and yields an Analyzer of the class
+    `kind`. At its end, the previous values are restored."""
     disable(tuning.axis)
     with (
         temporary(tuning.axis, settings),
@@ -265,13 +270,13 @@ def take_response(
     tuning: TuningFolder, name: str, settings: Settings, order: MeasuringOrder, kind: type[A],
     take: Callable[[A], Level],
 ) -> tuple[Level, ResponseFigures]:  # fmt: skip
-    """Measures a response with `settings` and writes the response to the folder `name`.
-    take(analyzer) measures the response with an Analyzer of type `kind`."""
+    """Measures a response with `settings` and writes it to the folder `name`. `take`: function that
+    measures the response with an Analyzer of the class `kind`."""
     with analyzing(tuning, settings, order, kind) as analyzer:
         rest = analyzer.rest() if name == "free" else Rest(0.0, None, 0)
         level = take(analyzer)
     done = measuring.result_of(tuning.axis, analyzer.order, level, rest)
-    # The folder gets no plots, because the page of the tuning shows the response.
+    # No plots are written to the folder, because the page of the tuning shows the response.
     results.write(done, tuning.folder / name, draw=False)
     return level, ResponseFigures(
         coherence_median=done.summary.coherence_median,
@@ -284,14 +289,14 @@ def take_response(
 
 
 def next_amplitude(amplitude: int, force: float, forces: tuple[float, ...]) -> int:
-    """Returns the amplitude in DAC codes at which the search begins at the next force. At a smaller
-    force, the permitted range of the force is smaller too."""
+    """Returns the amplitude in DAC codes with which the search begins at the next force. If this
+    force is smaller, the permitted range of the force is smaller too."""
     following = forces[min(forces.index(force) + 1, len(forces) - 1)]
     return max(1, int(amplitude * min(1.0, following / force)))
 
 
 def line_of(name: str, figures: ResponseFigures) -> str:
-    """Returns text about a response: the amplitude in DAC codes and the relative error."""
+    """Returns a text about a response: its amplitude in DAC codes and its relative error."""
     error = 100 * (figures.random_error_median or 0.0)
     return f"{name} with {figures.amplitude} codes, error {error:.2g} %"
 
@@ -327,11 +332,12 @@ def objects_of(
     tuning: TuningFolder, checked: Checked, bank: Bank, loss: Mapping[str, int], ms: float = 2.0,
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
-    """Returns {object: engineering value} in the order of writing: the settings that check() has
-    added, and a filter bank with the certificate for this axis.
+    """Returns {object: engineering value} in the order in which the objects must be written. The
+    objects are the settings that check() has added, and a filter bank with the certificate for this
+    axis.
 
-    `loss`: limits after a contact loss. `ms`: largest Ms of the set of plants. `plants`: the set of
-    plants, None for a certificate without tolerances.
+    `loss`: objects that limit the output after a contact loss. `ms`: largest Ms in the set of
+    plants. `plants`: the set of plants, or None for a certificate without tolerances.
     """
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own

@@ -1,8 +1,9 @@
-"""Results of the steps of a tuning, in the form of the files in the folder of the tuning.
+"""Results of the steps of a tuning. Their fields are those of the files in the folder of the
+tuning.
 
-Each step has one frozen dataclass. `forceaxis.results` converts the dataclass to JSON and back, so
-the names of the fields are the keys of the files. Forces are in N, frequencies in Hz, stiffnesses
-in N/m, masses in kg, positions in encoder counts, amplitudes in DAC codes.
+The result of each step is a frozen dataclass. The module forceaxis.results converts it to JSON and
+back, so that the names of the fields are the keys in the files. Forces are in N, frequencies in Hz,
+stiffnesses in N/m, masses in kg, positions in encoder counts, amplitudes in DAC codes.
 """
 
 from dataclasses import dataclass, field
@@ -27,12 +28,12 @@ Range = tuple[float, float]  # low, high
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of `check`. `settings`: values from the model for objects that are not set on the
-    axis.
+    """Result of the step `check`. `settings`: values, computed from the model, for objects that are
+    not set on the axis.
 
-    `law`: the force law for the measurement. `band_hz`: lowest and highest frequency of the
-    responses. `before`: the previous force law of the axis. `latency_ticks`: latency of the output
-    of the axis in ticks.
+    `law`: objects of the force law with which the responses are measured. `band_hz`: lowest and
+    highest frequency of the responses. `before`: the previous force law of the axis.
+    `latency_ticks`: latency in ticks with which the axis outputs a DAC code.
     """
 
     rest: Rest
@@ -47,8 +48,8 @@ class Checked:
 class ResponseFigures:
     """Numbers of a measured response.
 
-    `swing`: range of the output from peak to peak, in N in contact and in counts out of contact.
-    `speed_rms`: rms rate of change of the output that the waveform alone causes, in N/s or
+    `swing`: peak-to-peak range of the output, in N in contact, in encoder counts out of contact.
+    `speed_rms`: rms rate of change of the output that the excitation alone causes, in N/s or
     counts/s. See level.Level.
     """
 
@@ -68,8 +69,8 @@ class ResponseFigures:
 
 @dataclass(frozen=True)
 class GlideFigures:
-    """A friction.Glide, and True if the axis has friction out of contact. Dead zone and difference
-    are in DAC codes, `rate` is in counts/s per DAC code."""
+    """The fields of a friction.Glide. `rubs` is True if the axis has friction out of contact. Dead
+    zone and difference are in DAC codes, `rate` is in counts/s per DAC code."""
 
     dead_zone: float
     rate: float
@@ -80,8 +81,8 @@ class GlideFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeResponse(ResponseFigures):
-    """Result of `free`: the response out of contact, and the friction that was measured before this
-    response."""
+    """Result of the step `free`: the response out of contact, and the friction that was measured
+    before it."""
 
     glide: GlideFigures
 
@@ -98,8 +99,9 @@ class PressedResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowChange:
-    """The friction.SlowLoading between the smallest and the largest force, with the keys of the
-    file. `force_N` and `way` are block means of the recording, (n,), in N and counts."""
+    """The friction.SlowLoading between the smallest and the largest force. The fields have the
+    names of the keys in the file. `force_N` and `way` are block means of the recording, in N and
+    encoder counts."""
 
     friction_N: float
     sticks: bool
@@ -115,10 +117,10 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`, in three files.
+    """Result of the step `measure`, which is written to three files.
 
-    `levels`: {folder of a response: numbers of the response}. `between`: slow change of the force.
-    `shaken`: measurement of the workpiece with sines, None if the workpiece did not slide.
+    `levels`: {folder of a response: numbers of the response}. `between`: result of the slow change
+    of the force. `shaken`: result of the test with sines, or None if the workpiece did not slide.
     """
 
     levels: dict[str, PressedResponse]
@@ -128,7 +130,7 @@ class MeasuredResponses:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A fitted parameter: SI value, 95 % interval, and unit."""
+    """A fitted parameter: its SI value, its 95 % interval, and its unit."""
 
     value: float
     interval: Range
@@ -137,12 +139,13 @@ class ParameterRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitted(JointSummary):
-    """Result of `fit`. `values`: values for the design.
+    """Result of the step `fit`. `values`: values of the parameters for the design.
 
-    `own`: {response: values of the parameters that only this response has}. `friction`: the
-    measured dry friction. `lines`: the friction elements that the model lacks, as TOML. `left_out`:
-    responses during which the backlash of the gear opens. `relied`: texts about parameters whose
-    design value differs from the fit. `together`: values that change together.
+    `own`: {response: values of the parameters that belong only to this response}. `friction`: the
+    measured dry friction. `lines`: the friction elements that have to be added to the model, as
+    TOML text. `left_out`: responses that were not used, because the backlash of the gear opens.
+    `relied`: texts about parameters whose value in the design differs from the fit. `together`:
+    parameters that change together in the set of plants.
     """
 
     values: Values = field()
@@ -165,11 +168,12 @@ class FittedLoop(Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of the step design: the result of a design and more.
+    """Result of the step `design`. It has the fields of a DesignResult and some more.
 
-    `on_fitted`: {"before" and "designed": bandwidth and margins on the fitted plant, None without a
-    law}. `objects`: values in the order of writing. `cut`: text about the gain reduction by
-    simulated contacts. `times_p`: bandwidth divided by the bandwidth of the P law.
+    `on_fitted`: bandwidth and margins with the fitted plant, for the laws "before" and "designed";
+    None if there is no such law. `objects`: values of objects in the order in which they are
+    written. `cut`: text about the reduction of the gain because of simulated contacts. `times_p`:
+    bandwidth divided by that of the P law.
     """
 
     on_fitted: dict[str, FittedLoop | None]
@@ -180,22 +184,23 @@ class Designed(DesignResult):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactOfKind(SimulatedContact):
-    """A contact that the step `simulate` has simulated. `kind` is "contact", "strike" (an impact
-    follows the contact) or "set" (a random plant of the set of plants)."""
+    """A contact that the step `simulate` has simulated. `kind` is "contact", "strike" (with an
+    impact after the contact) or "set" (with a random plant of the set of plants)."""
 
     kind: str
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """Result of `simulate`."""
+    """Result of the step `simulate`."""
 
     contacts: tuple[ContactOfKind, ...]
 
 
 @dataclass(frozen=True)
 class Written:
-    """Result of `write`: state of the certificate on the axis, and number of written objects."""
+    """Result of the step `write`: state of the certificate in the axis, and number of written
+    objects."""
 
     certificate_state: str
     objects: int
@@ -203,8 +208,8 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
-    """Peak of the sensitivity function: the largest measured |S| with its standard error and
-    frequency in Hz, and the largest |S| of the fitted model at the same frequencies.
+    """Peak of the sensitivity function S. It has the largest measured |S| with its standard error
+    and its frequency in Hz, and the largest |S| of the fitted model at the same frequencies.
 
     `lines` is the number of frequencies at which |S| is certain.
     """
@@ -218,8 +223,9 @@ class LoopPeak:
 
 @dataclass(frozen=True, kw_only=True)
 class TouchDownPeaks:
-    """The largest force of a first contact in N, as recorded and as simulated on the fitted plant.
-    The simulated value is None if the simulated force does not settle."""
+    """The largest force in N of a first contact: the recorded value, and the value that was
+    simulated with the fitted plant. The simulated value is None if the simulated force does not
+    settle."""
 
     peak_N: float
     peak_predicted_N: float | None
@@ -227,22 +233,23 @@ class TouchDownPeaks:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedResponse(TouchDownPeaks, LoopPeak, ResponseFigures):
-    """The response with the new law, the peak of |S|, and the largest force of the first
-    contact."""
+    """The numbers of the response with the new force law, the peak of |S|, and the largest force of
+    the first contact."""
 
     bias_N: float = field()
 
 
 @dataclass(frozen=True)
 class Verified:
-    """Result of `verify`: {folder of the response: numbers of the response}."""
+    """Result of the step `verify`: {folder of a response: numbers of the response}."""
 
     levels: dict[str, VerifiedResponse]
 
 
 @dataclass(frozen=True)
 class Stored:
-    """Result of `store`. `why` is the reason that an axis without memory for parameters gives."""
+    """Result of the step `store`. `why`: reason that the axis states if it has no memory for
+    parameters."""
 
     stored: bool
     why: str | None = json_field(omit_none=True)
@@ -250,8 +257,8 @@ class Stored:
 
 @dataclass(frozen=True)
 class StepRefusal:
-    """A step that ended with a Refusal: name of the step, name and text of the Refusal. `lines` is
-    TOML to add to the model."""
+    """A step that ended with a Refusal: name of the step, and name and text of the Refusal.
+    `lines`: TOML text to add to the model."""
 
     step: str
     name: str
@@ -263,9 +270,10 @@ class StepRefusal:
 class TuningSummary:
     """Results of a tuning.
 
-    A field is None if the result is not known yet. `levels`: levels of Verified. `cuts`: texts of
-    the gain_cuts. `holds`: texts of tune_fit.validity_lines(). `seconds`: {step: wall time in s}.
-    `axis_seconds`: {step: time of the axis in s}.
+    A field is None if its value is not known yet. `levels`: field `levels` of Verified. `cuts`:
+    texts about the reductions of the gain. `holds`: texts of tune_fit.validity_lines(). `seconds`:
+    {step: duration in s by the wall clock}. `axis_seconds`: {step: duration in s by the clock of
+    the axis}.
     """
 
     axis: str

@@ -1,2 +1,3 @@
-"""Cycles in the simulation: one pressed part with its phases, error rates over many parts, and
-bounds of the evaluation elements from good parts."""
+"""Press cycles, simulated or on an axis: one pressed part with its phases, error rates over many
+parts, statistics of parts, and bounds of the evaluation elements that are computed from good
+parts."""

@@ -1,14 +1,16 @@
-"""Statistics of pressed parts: shares of good parts, and for each evaluation element its mean,
-standard deviation, capability, and values in the order of the parts.
+"""Statistics of pressed parts. They have the proportion of good parts. For each evaluation element,
+they have mean, standard deviation, process capability, and all values in the order of the parts.
 
-With the mean m, the standard deviation s (n - 1) of all values and the bounds L and U:
+The capability is computed from the mean m and the standard deviation s of all values (with n - 1 in
+the denominator), and from the lower bound L and the upper bound U:
 
-    Cp  = (U - L) / (6 s)                        two bounds only
-    Cpk = min((U - m) / (3 s), (m - L) / (3 s))  of one bound that term alone
+    Cp  = (U - L) / (6 s)                        only if there are two bounds
+    Cpk = min((U - m) / (3 s), (m - L) / (3 s))  with one bound: only its term
 
-s is that of all values and not that within groups of parts, so the two are what other texts call Pp
-and Ppk: no drift of the process is left out. The interval of Cp is exact (chi-squared), that of Cpk
-is that of Bissell (1990); both hold for normal values.
+Other texts call these two numbers Pp and Ppk, because s is the standard deviation of all values and
+not that within groups of parts. A drift of the process is therefore included. The confidence
+interval of Cp is exact (chi-squared distribution). The interval of Cpk is that of Bissell (1990).
+Both intervals assume values with a normal distribution.
 """
 
 import math
@@ -25,7 +27,7 @@ from forceaxis.cycles.records import RecordedParts
 from forceaxis.cycles.statistics import CONFIDENCE, Share, share
 
 # Smallest number of values for which Cp and Cpk are computed.
-# With 30 values, the confidence interval of Cpk is about 25 % of Cpk to each side.
+# With 30 values, the confidence interval extends about 25 % of Cpk to each side.
 VALUES_LEAST = 30
 TOO_FEW = f"fewer than {VALUES_LEAST} values"
 NO_BOUND = "no bound that is a number"
@@ -36,7 +38,7 @@ CURVES_DRAWN = 20  # largest number of curves that are drawn over each other
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its interval of 95 %."""
+    """A number with its 95 % confidence interval."""
 
     value: float
     low: float
@@ -45,8 +47,8 @@ class Interval:
 
 @dataclass(frozen=True)
 class ElementStatistics:
-    """The values of one evaluation element over all good and bad parts, in `unit`. Bounds are those
-    of the last part."""
+    """The values of one evaluation element in all good and bad parts, in `unit`. The bounds `least`
+    and `most` are those of the last part."""
 
     name: str
     unit: str
@@ -54,21 +56,22 @@ class ElementStatistics:
     most: float | None
     n: int  # number of values
     not_found: int  # number of parts in which the element has no value
-    good: Share  # share of the parts whose value the element accepts
+    good: Share  # proportion of the parts whose value is within the bounds of the element
     mean: float | None
-    deviation: float | None  # standard deviation (n - 1)
+    deviation: float | None  # standard deviation, with n - 1 in the denominator
     smallest: float | None
     largest: float | None
     cp: Interval | None
     cpk: Interval | None
     without: str  # reason why Cpk was not computed; empty if it was computed
-    values: list[float | None]  # values in the order of the parts; None: no value was found
+    # values in the order of the parts; None if the element has no value in a part
+    values: list[float | None]
 
 
 @dataclass(frozen=True)
 class PartStatistics:
-    """Statistics of recorded or simulated parts. The figures of the evaluation elements are
-    computed from parts with the program of the last part."""
+    """Statistics of recorded or simulated parts. The statistics of the evaluation elements are
+    computed only from parts that were pressed with the same program as the last part."""
 
     source: str
     title: str  # title of the program
@@ -77,17 +80,18 @@ class PartStatistics:
     good: int
     bad: int
     aborted: int
-    lost: int  # parts whose results a power cut of the axis has lost
+    lost: int  # number of parts whose results were lost in a power cut of the axis
     without_result: int
-    good_share: Share  # good parts among those that are good or bad
+    good_share: Share  # proportion of good parts among the good and bad parts
     bad_in_row: int  # number of consecutive bad or aborted parts at the end
-    other_programs: int  # parts with another program, which are in no figure of an element
-    left_out: int  # simulated bad parts, which are excluded from all figures
+    # number of parts with another program, which are not in the statistics of the elements
+    other_programs: int
+    left_out: int  # number of simulated bad parts, which are not in any of the statistics
     elements: list[ElementStatistics]
 
 
 def statistics(parts: RecordedParts) -> PartStatistics:
-    """Returns the statistics of at least one part."""
+    """Returns the statistics of parts. `parts` must contain at least one part."""
     records = parts.records
     last = next((r for r in reversed(records) if r.state != LOST), records[-1])
     known = [record for record in records if record.state != LOST]
@@ -117,7 +121,7 @@ def statistics(parts: RecordedParts) -> PartStatistics:
 
 
 def _element(name: str, judged: Sequence[PartRecord], last: PartRecord) -> ElementStatistics:
-    """Returns the statistics of one element."""
+    """Returns the statistics of one evaluation element."""
     found = [e for record in judged for e in record.elements if e.name == name]
     bounds = next(element for element in last.elements if element.name == name)
     values = [measured(element) for element in found]
@@ -162,7 +166,7 @@ def _element(name: str, judged: Sequence[PartRecord], last: PartRecord) -> Eleme
 
 
 def _without(figures: ElementStatistics, bounds: ElementFigure) -> str:
-    """Returns why an element has no Cpk, or an empty text if it has one."""
+    """Returns the reason why an element has no Cpk, or an empty text if it has a Cpk."""
     if bounds.least is None and bounds.most is None:
         return NO_BOUND
     if figures.n < VALUES_LEAST:
@@ -172,7 +176,8 @@ def _without(figures: ElementStatistics, bounds: ElementFigure) -> str:
 
 
 def cp(least: float | None, most: float | None, deviation: float, n: int) -> Interval | None:
-    """Returns Cp of n values with its exact interval, or None without two bounds."""
+    """Returns Cp of n values with its exact confidence interval. Returns None if there are not two
+    bounds."""
     if least is None or most is None:
         return None
     value = (most - least) / (6 * deviation)
@@ -185,7 +190,8 @@ def cp(least: float | None, most: float | None, deviation: float, n: int) -> Int
 def cpk(
     least: float | None, most: float | None, mean: float, deviation: float, n: int
 ) -> Interval | None:
-    """Returns Cpk of n values with the interval of Bissell, or None without a bound."""
+    """Returns Cpk of n values with the confidence interval of Bissell. Returns None if there is no
+    bound."""
     sides = [
         *([] if least is None else [(mean - least) / (3 * deviation)]),
         *([] if most is None else [(most - mean) / (3 * deviation)]),
@@ -199,8 +205,9 @@ def cpk(
 
 
 def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
-    """Returns the counts of the classes of equal width and the n + 1 edges of the classes. The
-    number of classes is the square root of the number of values, at most 30."""
+    """Returns a histogram with classes of equal width: the number of values in each class, and the
+    edges of the classes. The number of classes is the square root of the number of values, at most
+    30."""
     numbers = np.array([value for value in values if value is not None])
     if not len(numbers):
         return [], []
@@ -212,6 +219,7 @@ def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
 def last_curves(
     parts: RecordedParts, most: int = CURVES_DRAWN
 ) -> list[tuple[str, list[CurvePoint]]]:
-    """Returns state and curve of the last parts that have a curve, at most `most` of them."""
+    """Returns the verdict and the curve of each of the last parts that have a curve. Returns at
+    most `most` curves."""
     found = [(r.state, r.curve) for r in parts.records if r.curve]
     return found[-most:] if most else []

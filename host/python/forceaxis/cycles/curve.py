@@ -1,9 +1,10 @@
-"""The curve of the last cycle of an axis on a connection: points of force over travel and time, as
-a table and as a plot.
+"""Reads the curve of the last cycle from an axis over a connection. The curve consists of points
+with force, travel and time. It is written as a table or drawn as a plot.
 
-The axis makes a point where travel, force or time have changed by a step, so the points are at
-unequal distances (objects cycle_curve_step_travel, _force and _time). Over CAN the points are one
-SDO transfer, over the other connections they are read five at a time.
+The axis adds a point to the curve whenever travel, force or time have changed by a step (objects
+cycle_curve_step_travel, cycle_curve_step_force, cycle_curve_step_time). The points therefore have
+unequal distances. Over CAN, one SDO transfer reads all points. Over other connections, five points
+are read at a time.
 """
 
 import csv
@@ -22,11 +23,12 @@ from forceaxis.cycles.live import LiveProgram
 from forceaxis.cycles.part import Curve, PartPicture, PhaseSpan
 from forceaxis.cycles.record import CurvePoint, PartRecord
 
-# A point as the firmware has it (firmware/cycle/curve.h).
+# Layout of a point in the firmware (firmware/cycle/curve.h).
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
-FORCE_BIT = 8  # lowest bit of the force in force_phase; the bits below are the phase
-COUNTS_PER_FORCE = 256  # force is in 1/256 count
-# Number of points that cycle_data shows after a write of cycle_curve_first.
+# number of the lowest bit of the force in force_phase; the lower bits contain the phase
+FORCE_BIT = 8
+COUNTS_PER_FORCE = 256  # the force of a point is in 1/256 of a force count
+# Number of points that the objects cycle_data contain after a write to cycle_curve_first.
 SHOWN_POINTS = 5
 WORDS = [f"cycle_data_{i}" for i in range(1, SHOWN_POINTS * POINT.itemsize // 4 + 1)]
 BUSY = ("running", "evaluating")
@@ -35,22 +37,23 @@ COLUMNS = ("time_s", "travel_m", "force_N", "phase")
 
 @dataclass(frozen=True)
 class CurvePoints(Curve):
-    """The curve of a cycle, with one value for each of its n points: time in s since the start of
-    the cycle, travel in m from travel 0 of the program less the deflection of the press, force in N
-    less the offset of a tare, number of the phase."""
+    """The points of the curve of a cycle. Each array has one value for each point: time in s since
+    the start of the cycle, travel in m, force in N, and number of the phase. The travel is measured
+    from travel 0 of the program, minus the deflection of the press. The force is the measured force
+    minus the offset of a tare."""
 
-    # number of times that the axis dropped every second point, because its memory was full
+    # number of times that the memory was full, so that the axis deleted every second point
     thinned: int
 
     def rows(self) -> list[CurvePoint]:
-        """Returns the points as a record has them: time, travel and force of each."""
+        """Returns the points in the form of a record: time, travel and force of each point."""
         columns = self.time_s.tolist(), self.travel_m.tolist(), self.force_N.tolist()
         return list(zip(*columns, strict=True))
 
 
 @dataclass(frozen=True)
 class CurveObjects:
-    """State of the curve of an axis."""
+    """Objects about the curve of the last cycle."""
 
     cycle_state: str
     cycle_count: int
@@ -59,8 +62,8 @@ class CurveObjects:
 
 
 def read(axis: Drive, wanted: LiveProgram) -> CurvePoints:
-    """Returns the curve of the last cycle of an axis that is owned. Raises Refused while a cycle
-    runs, or if there is no curve; NoAnswer."""
+    """Reads the curve of the last cycle of an axis that this program owns. Raises Refused if a
+    cycle is running or if there is no curve, and NoAnswer."""
     found = axis.record(CurveObjects)
     where = axis.link.where
     if found.cycle_state in BUSY:
@@ -84,7 +87,7 @@ def read(axis: Drive, wanted: LiveProgram) -> CurvePoints:
 
 
 def _read_parts(axis: Drive, count: int) -> bytes:
-    """Returns the points of a curve, which are read SHOWN_POINTS at a time."""
+    """Reads the bytes of all points of a curve, SHOWN_POINTS points at a time."""
     parts = []
     for first in range(0, count, SHOWN_POINTS):
         axis.link.write({"cycle_curve_first": first})
@@ -94,7 +97,7 @@ def _read_parts(axis: Drive, count: int) -> bytes:
 
 
 def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
-    """Returns the points of a curve from their bytes, with the scales of an experiment."""
+    """Converts the bytes of the points of a curve to numbers, with the scales of an experiment."""
     converters = _core.inputs(str(wanted.experiment), list(wanted.overrides))["converters"]
     sensor, encoder = converters["adc0"], converters["encoder"]
     newtons = abs(sensor["per_code"]) * 2.0 ** (sensor["bits"] - 8) / COUNTS_PER_FORCE
@@ -110,7 +113,7 @@ def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
 
 
 def write_table(curve: CurvePoints, wanted: LiveProgram, file: Path) -> None:
-    """Writes the points of a curve as CSV, with the names of the phases. Raises OSError."""
+    """Writes the points of a curve to a CSV file, with the names of the phases. Raises OSError."""
     names = [phase.name for phase in wanted.program.phases]
     columns = curve.time_s.tolist(), curve.travel_m.tolist(), curve.force_N.tolist()
     with file.open("w", newline="") as stream:
@@ -121,7 +124,7 @@ def write_table(curve: CurvePoints, wanted: LiveProgram, file: Path) -> None:
 
 
 def picture(curve: CurvePoints, part: PartRecord, wanted: LiveProgram) -> PartPicture:
-    """Returns what the plot of a part shows (plots.draw)."""
+    """Returns the data for the plot of a part, which plots.draw() draws."""
     return PartPicture(
         title=part.title,
         state=part.state,
@@ -133,8 +136,8 @@ def picture(curve: CurvePoints, part: PartRecord, wanted: LiveProgram) -> PartPi
 
 
 def _spans(curve: CurvePoints, wanted: LiveProgram) -> Sequence[PhaseSpan]:
-    """Returns the phases of a curve in the order in which they ran. A phase ends where the next one
-    begins."""
+    """Returns the phases of a curve in the order in which they ran. Each phase ends where the next
+    one begins."""
     starts = [0, *(np.flatnonzero(np.diff(curve.phase)) + 1).tolist(), len(curve.phase) - 1]
     return [
         PhaseSpan(
