@@ -15,9 +15,9 @@ from forceaxis.words import option_words
 
 @dataclass(frozen=True)
 class ContactParameter:
-    """A parameter with its prior and posterior. `value`: the most likely value; `interval`: 95 %;
-    `deviation`, `prior_deviation`: of the logarithm. `told`: True if the recordings determine the
-    parameter."""
+    """A parameter with its prior and posterior. `value`: the most likely value. `interval`: 95 %
+    interval. `deviation`, `prior_deviation`: posterior and prior standard deviation of the
+    logarithm. `told`: True if the recordings determine the parameter."""
 
     unit: str
     value: float
@@ -30,7 +30,7 @@ class ContactParameter:
 
 @dataclass(frozen=True)
 class ContactRecording:
-    """A recording, and the number `contacts` of its touch-downs that were used."""
+    """A recording of touch-downs. `contacts`: number of its touch-downs that were used."""
 
     name: str
     file: str
@@ -42,9 +42,10 @@ class ContactRecording:
 @dataclass(frozen=True, kw_only=True)
 class ContactFit:
     """The result of identify(). `rejected`: True if the model does not explain the recordings (p
-    below 0.001): then `parameters` have no meaning, and there are no secants and convergence. There
-    is no posterior either then, or if the sampler has not converged.
-    `elements`: elements that the model may lack, the best first; they are tried for p below 0.05.
+    below 0.001). In this case, `parameters` have no meaning, and there are no secants, no
+    convergence and no posterior. There is also no posterior if the sampler has not converged.
+    `elements`: elements that the model may lack, sorted with the best first. They are tried if p is
+    below 0.05.
     """
 
     model: str
@@ -62,7 +63,8 @@ class ContactFit:
 
     @property
     def set_options(self) -> str:
-        """Returns the options of a command that give the parameters their most likely values."""
+        """Returns the options of a command line that set the parameters to their most likely
+        values."""
         return " ".join(
             option_words(set=[f"{name}={p.value:.6g}" for name, p in self.parameters.items()])
         )
@@ -70,8 +72,8 @@ class ContactFit:
 
 @dataclass(frozen=True)
 class Identified:
-    """The result together with the data for its pictures: the problem, the most likely point, and
-    the samples."""
+    """The result of an identification, and the data for its plots: the likelihood problem, the most
+    likely point, and the samples of the posterior."""
 
     result: ContactFit
     problem: ContactProblem

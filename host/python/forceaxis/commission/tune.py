@@ -104,8 +104,7 @@ BAND_MAX_HZ = 400.0
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # Permitted peak force in N that the momentum of the axis alone causes at a first contact.
 IMPACT_PEAK_N = 10.0
-# If the bandwidth is less than this factor times that of the P law, a text names the limiting
-# bound.
+# A text names the limiting bound if the bandwidth is below this factor times that of the P law.
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"

@@ -50,15 +50,14 @@ Frictions = tuple[friction_models.FrictionElement, ...]
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
 # Damping in N s/m that replaces the friction of a workpiece that does not slide.
 STUCK_DAMPING = 1e6
-# Relative error of a response that is fitted with a damper in place of friction, for an axis that
-# slides and for an axis that sometimes sticks.
+# Relative error of a response that is fitted with a damper in place of friction.
+# The first value is for an axis that slides, the second for an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 # relative error of a stiffness that is computed from the travel between two forces
 TRAVEL_STIFFNESS_ERROR = 0.1
-# The test with sines determines the mass of a workpiece if its relative standard error is below
-# this value.
+# The test with sines determines the mass if its relative standard error is below this value.
 SINE_MASS_ERROR_MAX = 0.2
 SINE_ERROR_MIN = 0.04  # smallest relative error of stiffness and mass from the test with sines
 # the fit is repeated if the values from the test with sines change by more than this fraction
@@ -319,8 +318,8 @@ def _workpiece(
 
 
 def _determine_mass(shaken: sine_excitation.SineTestResult | None) -> bool:
-    """Returns True if the workpiece slid far enough during the sines for a measurement of
-    the mass."""
+    """Returns True if the workpiece slid so far in the test with sines that its mass was measured
+    accurately enough."""
     return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 

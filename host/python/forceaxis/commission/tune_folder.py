@@ -105,7 +105,8 @@ class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
         """Replaces the three files of the step `measure`."""
         result = content.result
         BETWEEN.write(folder, result.between)
-        # In this case, an existing file belongs to the earlier measurement, so it is deleted.
+        # If there is no new result of the test with sines, the file of an earlier measurement is
+        # deleted.
         if result.shaken is None:
             (folder / SHAKEN.name).unlink(missing_ok=True)
         else:

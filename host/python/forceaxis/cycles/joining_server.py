@@ -1,17 +1,17 @@
-"""An OPC UA server of joining results (OPC 40450-1, Industrial Joining Technologies): the records
-of a folder, read-only.
+"""An OPC UA server of joining results (OPC 40450-1, Industrial Joining Technologies). It offers the
+records of pressed parts in a folder, read-only.
 
     Objects/Machines/AXIS                     JoiningSystemType
       ResultManagement                        JoiningSystemResultManagementType
         Results/00003_0000000017              JoiningSystemResultType, one for each part
         GetLatestResult, GetResultById
 
-A new record becomes a new result, with the event JoiningSystemResultReadyEventType. The server
-reads the folder alone and has no connection to the axis. Clients can read and subscribe; they can
-neither write nor add nodes.
+For each new record, the server adds a result and sends the event JoiningSystemResultReadyEventType.
+The server reads only the folder and has no connection to the axis. Clients can read and subscribe.
+They can neither write values nor add nodes.
 
-The type definitions are the nodesets of the OPC Foundation. They are not part of this program; the
-npm package node-opcua-nodesets has them.
+The types are defined by nodesets of the OPC Foundation. These files are not part of this program.
+The npm package node-opcua-nodesets contains them.
 """
 
 import asyncio
@@ -46,10 +46,11 @@ from forceaxis.cycles.record import LOST, PartRecord, state_text
 from forceaxis.cycles.records import PARTS, Key, files_of, read_record
 from forceaxis.errors import ParameterError
 
-Structure = Any  # a structure of OPC UA; asyncua makes its class from a nodeset
+Structure = Any  # a structure of OPC UA, whose class asyncua makes from a nodeset
 PACKAGE = "node-opcua-nodesets"
-NODESETS = Path(sys.prefix, "node_modules", PACKAGE, "nodesets")  # where tools/setup puts them
-# Each nodeset uses the types of those before it.
+# the folder to which tools/setup installs the nodesets
+NODESETS = Path(sys.prefix, "node_modules", PACKAGE, "nodesets")
+# Files of the nodesets. Each nodeset uses types of the nodesets before it.
 FILES = tuple(
     f"Opc.Ua.{name}.NodeSet2.xml"
     for name in ("Di", "AMB", "IA", "Machinery", "Machinery_Result", "Ijt.Base")
@@ -58,29 +59,34 @@ MACHINERY, RESULT, JOINING = (
     f"http://opcfoundation.org/UA/{name}/" for name in ("Machinery", "Machinery/Result", "IJT/Base")
 )
 OWN = "urn:forceaxis:joining"
-# Numbers of nodes in these namespaces, which never change once a nodeset is released.
+# Numbers of nodes in their namespaces. They never change once a nodeset is released.
 MACHINES, RESULT_DATA_TYPE = 1001, 3008
 SYSTEM_TYPE, RESULT_MANAGEMENT_TYPE, RESULT_TYPE, READY_EVENT_TYPE = 1005, 1022, 2014, 1007
 XML = "{http://opcfoundation.org/UA/2011/03/UANodeSet.xsd}"
 BODY = "{http://opcfoundation.org/UA/2008/02/Types.xsd}Body"
 PLAIN_BODIES = ("Argument", "EnumValueType", "EUInformation", "Range")
-# Common codes of UN/CEFACT recommendation 20 for the units of elements.
+# {unit of an evaluation element: common code of UN/CEFACT recommendation 20}
 UNIT_CODES = {
     "N": "NEW", "mm": "MMT", "m": "MTR", "J": "JOU", "s": "SEC", "N/mm": "F47", "N/m": "4P",
     "mm/s": "C16", "": "C62",
 }  # fmt: skip
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
-SIMULATED = "the simulated axis"  # begin of the connection of a simulated axis (axis/sim.py)
-RESULTS_MOST = 200  # newest parts that the server offers as results
+# the connection in the record of a simulated axis begins with this text (axis/sim.py)
+SIMULATED = "the simulated axis"
+# largest number of parts that the server offers as results; these are the newest parts
+RESULTS_MOST = 200
 POLL_S = 0.5  # time in s between two checks of the folder
-SETTLED_NS = 1_000_000_000  # age in ns from which a change of the folder is not read again
-# Bounds of what clients send: requests are short, results go the other way.
+# if the last change of the folder is older than this time in ns, the folder is not read again
+SETTLED_NS = 1_000_000_000
+# Limits of the data that clients send: bytes of a chunk, bytes of a message, and waiting messages.
+# Requests are short, so the limits are small.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
-HEADER_BYTES, SIZE_AT = 8, 4  # size of the head of a message of OPC 10000-6, 7.1.2.2
-SESSION_S = 15.0  # longest time in s from the connection to the active session
-COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # ResultState of OPC 40001-101
+# size of a message header, and offset of the message size in it (OPC 10000-6, 7.1.2.2)
+HEADER_BYTES, SIZE_AT = 8, 4
+SESSION_S = 15.0  # longest time in s from opening a connection to an active session
+COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # values of ResultState in OPC 40001-101
 NO_HANDLE, NO_ERROR, UNKNOWN_RESULT = 0, 0, 1
-# Services that would change the server.
+# Services that would change the server are refused.
 REFUSED = {
     *map(ua.NodeId, ADMIN_TYPES),
     ua.NodeId(ua.ObjectIds.WriteRequest_Encoding_DefaultBinary),
@@ -89,7 +95,7 @@ REFUSED = {
 
 
 class ReadOnly(PermissionRuleset):
-    """Refuses every service that writes."""
+    """Rules that refuse all services that would change the server."""
 
     def check_validity(self, user: object, action_type_id: ua.NodeId, body: object) -> bool:
         """Returns True if a client may use a service."""
@@ -97,15 +103,15 @@ class ReadOnly(PermissionRuleset):
 
 
 class Connection(binary_server_asyncio.OPCUAProtocol):
-    """The connection of a client. A message that announces more than a chunk is refused at its
-    header, one that is not complete REQUEST_S after its first byte ends the connection, and nothing
-    is read while WAITING_MESSAGES wait."""
+    """The connection of a client, with three limits. A message whose header states more than
+    CHUNK_BYTES is refused. The connection is closed if a message is not complete REQUEST_S after
+    its first byte. No more data are read while WAITING_MESSAGES wait for processing."""
 
     _late: asyncio.TimerHandle | None = None
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._received = bytearray()  # the beginning of a message
+        self._received = bytearray()  # bytes of the message that is not complete yet
 
     def data_received(self, data: bytes) -> None:
         self._received += data
@@ -137,7 +143,8 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
         super().connection_lost(ex)
 
     def _wait(self) -> None:
-        """Waits for the rest of a message, or for messages before it to be processed."""
+        """Starts the time limit for an incomplete message. Stops reading while too many messages
+        wait for processing."""
         if self.transport is None or self.transport.is_closing():
             return
         if self.messages.qsize() >= WAITING_MESSAGES:
@@ -154,18 +161,19 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
             self._late = None
 
 
-binary_server_asyncio.OPCUAProtocol = Connection  # asyncua has no other place
+binary_server_asyncio.OPCUAProtocol = Connection  # asyncua has no other way to use this class
 
 
 def evaluation(state: str) -> Structure:
-    """Returns the ResultEvaluation of a part. An aborted part and a lost result are not
-    decidable."""
+    """Returns the ResultEvaluation of a part. For an aborted part and for a lost result, it is "not
+    decidable"."""
     known = ua.ResultEvaluationEnum
     return {GOOD: known.OK, BAD: known.NotOK}.get(state, known.NotDecidable)
 
 
 def unit(text: str) -> ua.EUInformation:
-    """Returns an engineering unit of OPC UA. A unit without a code of UN/CEFACT has its name."""
+    """Returns an engineering unit of OPC UA. A unit without a code of UN/CEFACT has only its
+    name."""
     code = UNIT_CODES.get(text)
     return ua.EUInformation(
         NamespaceUri=CEFACT if code else OWN,
@@ -176,7 +184,8 @@ def unit(text: str) -> ua.EUInformation:
 
 
 def measured_value(element: ElementFigure) -> Structure:
-    """Returns the value of one evaluation element as a measured value, nan without a value."""
+    """Returns the value of one evaluation element as a measured value of OPC UA. The value is nan
+    if the element has none."""
     known = ua.ResultEvaluationEnum
     if element.verdict == GOOD:
         verdict = known.OK
@@ -193,7 +202,8 @@ def measured_value(element: ElementFigure) -> Structure:
 
 
 def trace(record: PartRecord, name: str) -> Structure | None:
-    """Returns the curve of a part as the trace of one step, or None without a curve."""
+    """Returns the curve of a part as a trace of OPC UA with one step. Returns None if the record
+    has no curve."""
     if not record.curve:
         return None
     columns = zip(*record.curve, strict=True)
@@ -213,10 +223,10 @@ def trace(record: PartRecord, name: str) -> Structure | None:
 
 
 def meta_data(record: PartRecord, name: str) -> Structure:
-    """Returns who made a result of what, and when.
+    """Returns the meta data of a result: the axis, the part, the program, and the time.
 
-    Only fields of the base type are used: node-opcua counts the optional fields of a derived type
-    wrongly and could not read others.
+    Only fields of the base type are used. The library node-opcua counts the optional fields of a
+    derived type wrongly, so that its clients could not read such fields.
     """
     recorded = datetime.datetime.fromisoformat(record.recorded or "1970-01-01T00:00:00+00:00")
     begin = recorded - datetime.timedelta(seconds=record.duration_s)
@@ -243,7 +253,7 @@ def meta_data(record: PartRecord, name: str) -> Structure:
 
 
 def result_data(record: PartRecord, name: str) -> Structure:
-    """Returns a record as ResultDataType, whose content is a JoiningResultDataType."""
+    """Converts a record to a ResultDataType, whose content is a JoiningResultDataType."""
     content = ua.JoiningResultDataType(
         OverallResultValues=[measured_value(element) for element in record.elements],
         Trace=trace(record, name),
@@ -267,8 +277,8 @@ def expect_nodesets(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Nodeset:
-    """A nodeset as asyncua can import it, and the structures in it whose fields may have a value of
-    a derived type: {number of the node: names of these fields}."""
+    """A nodeset in the form that asyncua can import. In some of its structures, fields may have a
+    value of a derived type. These are listed as {number of the node: names of these fields}."""
 
     uri: str
     text: str
@@ -276,8 +286,8 @@ class Nodeset:
 
 
 def nodeset(file: Path) -> Nodeset:
-    """Reads a nodeset, without the default values of structures and without nodes that belong to
-    design tools alone, neither of which asyncua can import. Raises InputError."""
+    """Reads a nodeset. Default values of structures, and nodes that only design tools need, are
+    left out, because asyncua cannot import them. Raises InputError."""
     try:
         root = ET.parse(file).getroot()
         uri = root.find(f"{XML}NamespaceUris/{XML}Uri").text or ""  # type: ignore[union-attr]
@@ -302,8 +312,8 @@ def nodeset(file: Path) -> Nodeset:
 def _definition(
     definition: ua.StructureDefinition, fields: Sequence[str], types: dict[str, ua.NodeId]
 ) -> ua.DataValue:
-    """Returns the definition of an OPC UA structure in which `fields` may have values of derived
-    types."""
+    """Returns a changed definition of an OPC UA structure. In it, `fields` may have values of
+    derived types."""
     definition.StructureType = ua.StructureType.StructureWithSubtypedValues
     for one in definition.Fields:
         one.IsOptional = one.Name in fields
@@ -312,18 +322,19 @@ def _definition(
 
 
 class JoiningServer:
-    """The address space of the server."""
+    """The address space of the server: the nodes that clients can read."""
 
     def __init__(self, server: Server, folder: Path) -> None:
         self._server, self._folder = server, folder
         self._known: set[Key] = set()
-        self._nodes: dict[str, Node] = {}  # nodes of the results, in the order of the parts
+        self._nodes: dict[str, Node] = {}  # {name of a result: its node}, in the order of the parts
         self._values: dict[str, Structure] = {}
         self._own = 0
-        self._read_ns = 0  # time of the last change of the folder, if it has been read since
+        # time of the last change of the folder that does not have to be read again
+        self._read_ns = 0
 
     async def open(self, nodesets: Path) -> None:
-        """Loads the types, and adds the nodes of the axis. Raises InputError."""
+        """Loads the types from the nodesets, and adds the nodes of the axis. Raises InputError."""
         await self._load_types(nodesets)
         server = self._server
         self._own = await server.register_namespace(OWN)
@@ -354,7 +365,7 @@ class JoiningServer:
     async def _instance(
         self, parent: Node, kind: ua.NodeId, name: str, browse_name: ua.QualifiedName
     ) -> Node:
-        """Adds an object of a type with its mandatory nodes."""
+        """Adds an object of the type `kind`, with the mandatory nodes of this type."""
         nodes = await instantiate(
             parent,
             self._server.get_node(kind),
@@ -365,8 +376,9 @@ class JoiningServer:
         return nodes[0]
 
     async def _load_types(self, nodesets: Path) -> None:
-        """Loads the nodesets. asyncua encodes a field with values of derived types correctly only
-        while its type is Structure, so the definition that clients read is written afterwards."""
+        """Loads the nodesets. asyncua encodes a field whose value has a derived type correctly only
+        if the type of the field is Structure. Therefore the correct definition, which clients read,
+        is written afterwards."""
         definitions = []
         for name in FILES:
             given = nodeset(nodesets / name)
@@ -387,7 +399,7 @@ class JoiningServer:
             )
 
     async def _add_methods(self, result: int) -> None:
-        """Adds the two methods that return a result."""
+        """Adds the methods GetLatestResult and GetResultById."""
         latest = uamethod(lambda _parent, _timeout: self._answer(next(reversed(self._values), "")))
         by_id = uamethod(lambda _parent, name, _timeout: self._answer(name))
         outputs = [
@@ -406,7 +418,7 @@ class JoiningServer:
             )
 
     def _answer(self, name: str) -> tuple[Any, ...]:
-        """Returns the outputs of a method for the result `name`."""
+        """Returns the output arguments of a method that returns the result `name`."""
         value = self._values.get(name)
         return (
             ua.Variant(NO_HANDLE, ua.VariantType.UInt32),
@@ -415,13 +427,14 @@ class JoiningServer:
         )
 
     async def update(self) -> None:
-        """Adds the records that are new in the folder as results. A record that cannot be read is
-        read again when the folder has changed. The oldest results beyond RESULTS_MOST are
-        removed."""
+        """Adds a result for each new record in the folder. A record that cannot be read is tried
+        again after the next change of the folder. If there are more than RESULTS_MOST results, the
+        oldest ones are removed."""
         changed_ns = (self._folder / PARTS).stat().st_mtime_ns
         if changed_ns == self._read_ns:
             return
-        # Two changes may have the same time, so a folder that has just changed is read again.
+        # Two changes may have the same time.
+        # Therefore a folder that has just changed is read again.
         is_settled = time.time_ns() - changed_ns > SETTLED_NS
         self._read_ns = changed_ns if is_settled else 0
         for key, file in list(files_of(self._folder).items())[-RESULTS_MOST:]:
@@ -439,7 +452,7 @@ class JoiningServer:
             await self._server.delete_nodes([self._nodes.pop(name)], recursive=True)
 
     async def _add(self, record: PartRecord, name: str) -> None:
-        """Adds one result and announces it."""
+        """Adds one result, and sends the event for it."""
         value = result_data(record, name)
         nodes = await instantiate(
             self._results,
@@ -461,7 +474,7 @@ class JoiningServer:
         await self._ready.trigger(message=f"{name}: {record.state}")
 
     async def _write(self, node: Node, value: Any) -> None:
-        """Writes the value of a node with the type that the node has."""
+        """Writes the value of a node, with the data type of the node."""
         kind = await node.read_data_type_as_variant_type()
         await node.write_value(ua.Variant(value, kind))
 
@@ -471,7 +484,7 @@ def _argument(name: str, kind: ua.NodeId) -> ua.Argument:
 
 
 def family_of(host: str) -> socket.AddressFamily:
-    """Returns the family of an address."""
+    """Returns the address family (IPv4 or IPv6) of a host address."""
     return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 

@@ -1,9 +1,8 @@
-"""Cycles of an axis that is reached over a connection: download of a program, and execution of one
-cycle.
+"""Downloads the program of a press cycle to an axis over a connection, and runs one cycle.
 
-An experiment describes the axis for which the program was made: its model gives counts and newtons,
-its table [firmware] the parameters. The scales of the axis have to agree with it, because the bytes
-of the program contain forces and travels in counts.
+An experiment describes the axis for which the program was made. Its model defines the size of a
+count in m and N, and its table [firmware] contains the parameters. The scales of the real axis must
+agree with these, because the program contains forces and travels in counts.
 """
 
 import contextlib
@@ -24,19 +23,22 @@ from forceaxis.objects import BY_NAME
 MODE = "cycle"
 PART_WORDS = BY_NAME["cycle_data_16"].number - BY_NAME["cycle_data_1"].number + 1
 WORD_BYTES = 4
-# Objects that give the numbers of a program their meaning. SCALE is compared separately, with a
-# tolerance.
+# Objects on which the meaning of the numbers in a program depends.
+# The object SCALE is compared separately, with a tolerance.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 SCALE = "force_scale"
-FORCE_SCALE_TOLERANCE = 0.01  # relative tolerance of force_scale against the model
+# largest relative difference between force_scale of the axis and of the model
+FORCE_SCALE_TOLERANCE = 0.01
 ENDED = ("good", "bad", "aborted")
-STORE_MAX_S = 15.0  # includes the erase of a full flash sector
-PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends: that of the longest phase
+# longest time in s to store programs, including the time to erase a flash sector
+STORE_MAX_S = 15.0
+PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends
 
 
 @dataclass(frozen=True)
 class LiveProgram:
-    """The program of an experiment for an axis."""
+    """The program of a press cycle, and the experiment that describes the axis for which it was
+    made."""
 
     experiment: Path
     overrides: Sequence[str]
@@ -45,20 +47,21 @@ class LiveProgram:
 
 @dataclass(frozen=True)
 class LoadedProgram:
-    """A program that an axis has taken and selected."""
+    """A program of a press cycle that an axis has accepted and selected."""
 
-    program: str  # file
+    program: str  # path of the program file
     title: str
     number: int
     crc: str  # 8 hexadecimal digits
     size_bytes: int
-    programs: int  # number of programs that the axis has now
-    store: str  # "stored", or why a power cut would lose the program: "no_memory", "failed"
+    programs: int  # number of programs that the axis now contains
+    store: str  # "stored"; or "no_memory" or "failed", if a power cut would delete the program
 
 
 @dataclass(frozen=True)
 class StoreObjects:
-    """Object that shows whether cycle programs and counts of parts are stored."""
+    """The object that shows whether the axis has stored its cycle programs and its counts of
+    parts."""
 
     cycle_store_state: str
     fault: str
@@ -66,18 +69,19 @@ class StoreObjects:
 
 @dataclass(frozen=True)
 class PartObjects(StatusObjects):
-    """State of the cycle while a part is pressed."""
+    """Objects about the cycle while a part is pressed."""
 
     cycle_state: str
-    cycle_number: int  # number of the last pressed part
+    cycle_number: int  # number of the part that was pressed last
     fault: str
 
 
 def live_program(
     experiment: Path, overrides: Sequence[str] = (), program: Path | None = None
 ) -> LiveProgram:
-    """Returns the program of an experiment, or another one for the same axis. Raises InputError,
-    also for a program with the number 0, which no axis keeps."""
+    """Returns the program of the press cycle of an experiment. `program`: file of another program
+    for the same axis, or None. Raises InputError. A program with the number 0 also raises
+    InputError, because an axis cannot store it."""
     given = overrides_of(overrides, program)
     compiled = read_program(experiment, given)
     if compiled.number == 0:
@@ -89,8 +93,8 @@ def live_program(
 
 
 def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
-    """Raises Refused if the axis differs from that of the experiment in an object that gives the
-    numbers of the program their meaning."""
+    """Raises Refused if the axis differs from the experiment in an object on which the meaning of
+    the numbers in the program depends."""
     given = _core.inputs(wanted.experiment, list(wanted.overrides))["firmware"]
     own = {n: given.get(n, BY_NAME[n].default * BY_NAME[n].scale) for n in (*SCALING, SCALE)}
     for name in SCALING:
@@ -111,9 +115,9 @@ def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
 
 
 def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
-    """Downloads a program to an axis that is owned and disabled, and selects it. A program with the
-    same number is replaced. Raises Refused with the reason, and then the axis has the programs that
-    it had before; NoAnswer."""
+    """Downloads a program to an axis that this program owns and that is disabled, and selects the
+    program. An earlier program with the same number is replaced. Raises Refused with the reason;
+    the axis then has the same programs as before. Also raises NoAnswer."""
     expect_same_axis(axis, wanted)
     record = wanted.program.record
     for offset in range(0, len(record), PART_WORDS * WORD_BYTES):
@@ -152,16 +156,17 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
 
 
 def expect_readable(axis: Drive) -> None:
-    """Raises Refused before a cycle whose curve could not be read afterwards."""
+    """Raises Refused if the curve of a cycle could not be read afterwards. Call this function
+    before the cycle."""
     disturbance = axis.link.disturbance()
     if disturbance:
         raise Refused(disturbance)
 
 
 def wait_stored(axis: Drive) -> str:
-    """Waits until a disabled axis has stored its programs and counts, and returns its
-    cycle_store_state. Raises Refused, NoAnswer."""
-    axis.link.wait(POLL_PERIOD_S)  # the axis notices in its next ticks what has to be stored
+    """Waits until a disabled axis has stored its programs and its counts of parts. Returns its
+    `cycle_store_state`. Raises Refused, NoAnswer."""
+    axis.link.wait(POLL_PERIOD_S)  # the axis needs some ticks to detect that data have to be stored
     return axis.wait_for(
         StoreObjects,
         lambda now: now.cycle_store_state != "waiting",
@@ -171,12 +176,13 @@ def wait_stored(axis: Drive) -> str:
 
 
 def select(axis: Drive, wanted: LiveProgram) -> None:
-    """Selects a program of an axis that is owned, if another one or none is selected, as after a
-    power-up. Raises Refused if the axis does not have this program, and then changes nothing."""
+    """Selects the program `wanted` in an axis that this program owns, unless it is already
+    selected. After a power-up, no program is selected. Raises Refused if the axis does not contain
+    the program `wanted`. In this case, the selection does not change."""
     crc = axis.integer("cycle_program_crc")
     if crc != wanted.program.crc:
         before = axis.integer("cycle_program")
-        with contextlib.suppress(Refused):  # the library has no program with this number
+        with contextlib.suppress(Refused):  # the axis contains no program with this number
             axis.link.write({"cycle_program": wanted.program.number})
             if axis.integer("cycle_program_crc") == wanted.program.crc:
                 return
@@ -190,9 +196,10 @@ def select(axis: Drive, wanted: LiveProgram) -> None:
 
 
 def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> str | None:
-    """Runs one cycle with a program of the axis, which is owned. All bounds of the axis
-    hold; the axis is disabled at the end. Returns the fault that ended the cycle, or None. Raises
-    Refused if no cycle starts, NoAnswer if it does not end in `timeout_s`."""
+    """Runs one cycle with the program `wanted`, which the axis must contain. This program must own
+    the axis. All limits of the axis apply, and the axis is disabled at the end. Returns the fault
+    that has ended the cycle, or None. Raises Refused if no cycle starts, and NoAnswer if the cycle
+    does not end within `timeout_s`."""
     expect_same_axis(axis, wanted)
     select(axis, wanted)
     wait_stored(axis)

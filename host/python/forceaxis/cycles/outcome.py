@@ -1,4 +1,4 @@
-"""Outcome of the cycle of one simulated part, for error rates and bounds."""
+"""Outcome of the cycle of one part. Error rates and proposed bounds are computed from outcomes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 GOOD, BAD, ABORTED = "good", "bad", "aborted"
 BY_PROGRAM = "by_program"
-# Verdicts of an element that has found a value, so that other bounds would give another verdict.
+# Verdicts of an evaluation element that has found a value.
+# Only these verdicts depend on the bounds.
 MEASURED = ("good", "below", "above")
 
 
@@ -19,8 +20,8 @@ MEASURED = ("good", "below", "above")
 class PartOutcome:
     """Outcome of the cycle of one part. A failed run has only the field `error`."""
 
-    state: str = ""  # state of the cycle: good, bad, aborted, or why there is no verdict
-    outcome: str = ""  # how the cycle ended
+    state: str = ""  # state of the cycle: good, bad, aborted, or the reason why there is no verdict
+    outcome: str = ""  # text that says how the cycle ended
     failed_phase: str = ""
     verdicts: Sequence[str] = ()  # verdict on each evaluation element
     values: Sequence[float] = ()  # value of each evaluation element in SI units
@@ -28,13 +29,13 @@ class PartOutcome:
 
     @property
     def is_judged(self) -> bool:
-        """True if the part is good or bad. It is neither if the cycle was aborted or has no
-        result."""
+        """True if the part has the verdict good or bad. This is not so if the cycle was aborted or
+        has no result."""
         return self.state in (GOOD, BAD)
 
     @property
     def is_within_limits(self) -> bool:
-        """True if the cycle ended as its program intends."""
+        """True if the cycle ended in the way that its program intends."""
         return self.outcome == BY_PROGRAM
 
     def is_good_by(self, elements: Sequence[Element], moved: Sequence[int]) -> bool:
@@ -53,7 +54,7 @@ class PartOutcome:
 
 
 def outcome_of(result: "_core.RunOutcome") -> PartOutcome:
-    """Returns the outcome of a part from a result of _core.run_many."""
+    """Converts a result of _core.run_many to the outcome of a part."""
     if "error" in result:
         return PartOutcome(error=result["error"])
     cycle = result["cycle"]

@@ -1,5 +1,5 @@
-"""One simulated part: its verdict, the values of the evaluation elements, and when and why each
-phase ended."""
+"""Simulates the cycle of one part. The result has the verdict on the part, the values of the
+evaluation elements, and time and reason of the end of each phase."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,22 +21,23 @@ from forceaxis.experiments import run as runs
 from forceaxis.experiments.run_result import Array, CycleReport
 from forceaxis.experiments.summary import CYCLE_OUTCOMES
 
-# Objects of the firmware that the timeline needs in the trace.
+# Objects of the firmware that must be traced, because timeline() needs them.
 TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
-RUNNING = 1  # value of cycle_state while a cycle runs
-SLACK = 1e-9  # N or m, for decimals of a level
-NOTHING_FOUND = ("none", "not reached", "aborted")  # verdicts of an element without a value
+RUNNING = 1  # value of the object cycle_state while a cycle runs
+SLACK = 1e-9  # tolerance, in N or m, for the rounding of a level with decimals
+# verdicts of an evaluation element that has found no value
+NOTHING_FOUND = ("none", "not reached", "aborted")
 
 
 @dataclass(frozen=True)
 class ElementFigure:
-    """The result of an evaluation element, with its bounds in `unit`. The bounds of a window or an
-    envelope are not single numbers, so they are missing here."""
+    """The result of an evaluation element, with its bounds in `unit`. The bounds of a window or of
+    an envelope are not single numbers. They are not included here."""
 
     name: str
     kind: str
     verdict: str
-    value: float | None  # None: nothing was found
+    value: float | None  # None if the element has found no value
     unit: str
     least: float | None
     most: float | None
@@ -44,25 +45,27 @@ class ElementFigure:
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """One phase of the cycle."""
+    """One phase of a cycle: when it began and ended, and why it ended."""
 
     name: str
     begin_s: float
     end_s: float
-    why: str  # reason why the phase ended: the condition, the exceeded limit, or "stopped"
+    # reason why the phase ended: the fulfilled condition, the exceeded limit, or "stopped"
+    why: str
 
 
 @dataclass(frozen=True)
 class PartResult:
-    """The cycle of one part."""
+    """The result of the cycle of one part."""
 
     experiment: str
     program: str
     title: str
-    state: str  # "good", "bad", "aborted", or why there is no verdict
+    state: str  # "good", "bad", "aborted", or the reason why there is no verdict
     outcome: str  # how the cycle ended
-    failed_phase: str  # empty if the cycle ended as its program intends
-    invalid_ticks: int  # ticks in evaluated phases whose sample is not valid
+    # name of the phase that failed; empty if the cycle ended as its program intends
+    failed_phase: str
+    invalid_ticks: int  # number of ticks in evaluated phases whose sample is not valid
     elements: list[ElementFigure]
     phases: list[PhaseSpan]
     fault: str
@@ -71,25 +74,27 @@ class PartResult:
 
 @dataclass(frozen=True)
 class Curve:
-    """The curve of a cycle as its elements see it, with one value for each of its n samples."""
+    """The curve of a cycle, with the values that its evaluation elements use. Each array has one
+    value for each sample."""
 
-    time_s: Array  # time since the start of the run; on a live axis, since the start of the cycle
-    travel_m: Array  # depth: travel from travel 0, less the deflection of the press
-    force_N: Array  # measured force less the offset of a tare
+    # time since the start of the simulation; on a real axis, since the start of the cycle
+    time_s: Array
+    travel_m: Array  # travel from travel 0 of the program, minus the deflection of the press
+    force_N: Array  # measured force minus the offset of a tare
     phase: NDArray[np.int64]  # number of the phase to which the sample belongs
 
 
 @dataclass(frozen=True)
 class TickCurve(Curve):
-    """The curve of the last cycle of a run, with the sample of every tick."""
+    """The curve of the last cycle of a simulation, with a sample for every tick."""
 
-    # number, from 1, of the condition that ended a phase in this tick; 0: a limit or a stop
+    # number, from 1, of the condition that ended a phase in this tick; 0 if no condition ended it
     ended_by: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class PartPicture:
-    """The contents of the plot of a part."""
+    """The data for the plot of a part."""
 
     title: str
     state: str
@@ -101,7 +106,8 @@ class PartPicture:
 
 @dataclass(frozen=True)
 class PartRun:
-    """A simulated part with its curve, which is None if no cycle was started."""
+    """The simulation of one part: result, curve and program. The curve is None if no cycle was
+    started."""
 
     result: PartResult
     report: CycleReport
@@ -110,7 +116,8 @@ class PartRun:
 
 
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
-    """Simulates one part. `program` replaces the program of the experiment. Raises InputError."""
+    """Simulates the cycle of one part. `program`: file of a program that replaces the program of
+    the experiment, or None. Raises InputError."""
     given = with_program(overrides, program)
     known = read_program(experiment, given)
     done = runs.run(experiment, given, text=_traced(experiment))
@@ -134,7 +141,8 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
 
 
 def _traced(experiment: Path) -> str:
-    """Returns the text of an experiment that also traces the objects of the timeline."""
+    """Returns the text of an experiment file, changed so that the objects TRACED are also
+    traced."""
     import tomlkit
 
     table = toml.read(experiment)
@@ -142,7 +150,7 @@ def _traced(experiment: Path) -> str:
     wanted = list(dict.fromkeys([*table.get("trace", {}).get("objects", []), *TRACED]))
     try:
         document = tomlkit.parse(text)
-    # tomlkit may refuse a text that the TOML reader of the experiments accepts
+    # tomlkit may refuse a text that the TOML reader for experiments accepts
     except tomlkit.exceptions.ParseError as error:
         raise InputError(
             f"{experiment}: file: expected TOML that can be edited, got: {error}"
@@ -157,8 +165,8 @@ def _traced(experiment: Path) -> str:
 
 
 def figure_of(element: Element, verdict: str, value: float | None) -> ElementFigure:
-    """Returns what an element found, with its bounds. It has no value if nothing was
-    found."""
+    """Returns the result of an evaluation element, with its bounds. The value is None if the
+    element has found no value."""
     return ElementFigure(
         name=element.name,
         kind=element.kind,
@@ -178,8 +186,8 @@ def _figures(report: CycleReport, program: Program) -> list[ElementFigure]:
 
 
 def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
-    """Returns the first and the last tick of the last cycle. The sample of the tick in which a
-    cycle ends belongs to it."""
+    """Returns the first and the last tick of the last cycle. The tick in which the cycle ends is
+    included."""
     running = np.flatnonzero(done.columns["cycle_state"] == RUNNING)
     if not running.size:
         return None
@@ -189,13 +197,14 @@ def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
 
 
 def _curve(done: runs.Run, program: Program) -> TickCurve | None:
-    """Returns the curve of the last cycle of a program."""
+    """Returns the curve of the last cycle in a simulation."""
     begin, end = _last_cycle(done) or (0, 0)
     if begin == end:
         return None
-    inside = slice(begin + 1, end + 1)  # the state of a tick is that after the tick
+    inside = slice(begin + 1, end + 1)  # the traced values of a tick are those after the tick
     converters = done.result.converters
-    # A trace has the values after a tick, so the sample of a tick belongs to the phase before it.
+    # A traced phase is the one after the tick.
+    # Therefore the phase of a sample is that of the previous tick.
     phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")
@@ -216,7 +225,8 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
 def _without_offset(
     program: Program, force: Array, phase: NDArray[np.int64], ended_by: NDArray[np.int64]
 ) -> Array:
-    """Returns the force less the offset that the last tare before each sample has measured."""
+    """Returns the force of each sample minus the offset that the last tare before this sample has
+    measured."""
     found = force.copy()
     for start, end in _pieces(phase):
         tared = program.phases[int(phase[start])]
@@ -229,7 +239,7 @@ def _without_offset(
 
 
 def _deflection(program: Program, force: Array) -> Array:
-    """Returns the deflection of the press at each force."""
+    """Returns the deflection of the press in m for each force in `force`."""
     if not program.compliance:
         return np.zeros_like(force)
     forces, deflections = np.array(program.compliance).T
@@ -237,13 +247,15 @@ def _deflection(program: Program, force: Array) -> Array:
 
 
 def _pieces(phase: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Returns the first sample of each phase that ran, and the sample after its last one."""
+    """Returns a pair for each phase that ran: index of its first sample, and index after its last
+    sample."""
     starts = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist()]
     return list(zip(starts, [*starts[1:], len(phase)], strict=True))
 
 
 def _is_at_zero(program: Program, force: Array, contact: Array) -> NDArray[np.bool_]:
-    """Returns which samples are at or beyond what makes travel 0: a contact, or a force."""
+    """Returns for each sample True if the condition for travel 0 is fulfilled. This condition is a
+    contact or a force."""
     if program.zero == "touch" or program.zero_at is None:
         return np.asarray(contact != 0)
     sign = 1.0 if program.zero_at > 0 else -1.0
@@ -280,11 +292,11 @@ def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[Ph
 
 
 def short(name: str) -> str:
-    """Returns the name of a phase or element as a label."""
+    """Returns the name of a phase or of an evaluation element as a short label."""
     return name.replace("_", " ")
 
 
 def phase_samples(element: Element, program: Program, curve: Curve) -> NDArray[np.bool_]:
-    """Returns which samples of a curve an element evaluates."""
+    """Returns for each sample of a curve True if an evaluation element uses it."""
     numbers = [i for i, phase in enumerate(program.phases) if phase.name in element.phases]
     return np.isin(curve.phase, numbers)

@@ -1,9 +1,9 @@
-"""Files of parts: kinds of parts, whose parameters have distributions, and the parts that are
-sampled at random from these distributions.
+"""Reads a parts file and draws random parts from it. The file describes kinds of parts. The
+parameters of each kind have probability distributions.
 
-A part is described by the values of its parameters and the seed of its measurement noise. The
-values of the part with number i of a group follow from the seed, the name of the group and i alone,
-so that it is the same part whatever number of parts is drawn and in whatever order.
+A part consists of the values of its parameters and the seed of its measurement noise. The values of
+part number i of a group depend only on the seed, the name of the group and i. The part is therefore
+the same for any number of drawn parts and for any order.
 """
 
 import hashlib
@@ -30,7 +30,7 @@ NOISE_SEED_MOST = 2**31 - 1
 UNIFORM = {"least", "most"}
 NORMAL = {"mean", "deviation", "least", "most"}
 SHAPES = "a value, { least, most } (uniform) or { mean, deviation, least, most } (normal)"
-# The least share of a normal distribution that its limits may leave.
+# Smallest probability of a normal distribution between its limits that is accepted.
 LEFT_LEAST = 1e-6
 
 _SET = FormatKey(
@@ -89,17 +89,18 @@ FILE_KEYS, _, KIND_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 @dataclass(frozen=True)
 class Distribution:
-    """The distribution of one parameter, in the unit of the parameter: a fixed value (least equals
-    most), uniform, or normal within limits."""
+    """The distribution of one parameter, in the unit of the parameter. It is a fixed value (`least`
+    equals `most`), a uniform distribution, or a normal distribution within limits."""
 
     least: float
     most: float
     mean: float = 0.0
-    deviation: float | None = None  # None: uniform
+    # standard deviation; None for a fixed value or a uniform distribution
+    deviation: float | None = None
 
     def at(self, u: float) -> float:
-        """Returns the value below which a share u of all values is, rounded to 12 digits so that
-        its text is exact."""
+        """Returns the quantile of the distribution for the probability `u`. The value is rounded to
+        12 digits, so that its text is exact."""
         if self.deviation is None:
             return tidy(self.least + (self.most - self.least) * u)
         low, high = (
@@ -111,27 +112,27 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of parts."""
+    """A kind of parts. Its parts have parameters with the same distributions."""
 
     name: str
     weight: float
-    values: dict[str, Distribution]  # {parameter: distribution}
+    values: dict[str, Distribution]  # {name of the parameter: its distribution}
 
 
 @dataclass(frozen=True)
 class Parts:
-    """The content of a file of parts."""
+    """The content of a parts file."""
 
     file: Path
     title: str
     kinds: list[Kind]
-    # distributions of all parameters, in the order of the file
+    # names of all parameters with a distribution, in the order of the file
     names: list[str] = field(default_factory=list)
 
 
 def read_parts(file: Path, experiment: Path, overrides: Sequence[str] = ()) -> Parts:
-    """Returns the kinds of parts in a file, checked with the experiment whose parameters they set.
-    Raises InputError with file, key and the expected value."""
+    """Reads a parts file. Checks its parameters with the experiment to which they belong. Raises
+    InputError with file, key and the expected value."""
     table = toml.read(file)
 
     def fail(key: str, message: str) -> NoReturn:
@@ -164,7 +165,7 @@ Fail = Callable[[str, str], NoReturn]
 def _kind(
     given: Any, where: str, inputs: Inputs, common: Mapping[str, Distribution], fail: Fail
 ) -> Kind:
-    """Returns one [[kind]] of a file."""
+    """Returns the kind of parts of one table [[kind]] in a parts file."""
     if not isinstance(given, dict):
         fail(where, "expected a table; write [[kind]]")
     toml.expect_keys(given, KIND_KEYS, lambda key, text: fail(f"{where}.{key}", text))
@@ -187,7 +188,7 @@ def _values(given: Any, where: str, inputs: Inputs, fail: Fail) -> dict[str, Dis
         fail(where, f"expected a table of parameters, each {SHAPES}")
     flat: dict[str, Any] = {}
     for name, value in given.items():
-        # firmware.force_gain = 5 is a table `firmware` in TOML.
+        # In TOML, firmware.force_gain = 5 is a table `firmware` with the key `force_gain`.
         inner = name in ("firmware", "experiment", "verdict") and isinstance(value, dict)
         flat |= {f"{name}.{key}": v for key, v in value.items()} if inner else {name: value}
     return {name: _distribution(name, v, where, inputs, fail) for name, v in flat.items()}
@@ -230,7 +231,8 @@ def _distribution(name: str, given: Any, where: str, inputs: Inputs, fail: Fail)
 
 
 def _check_normal(drawn: Distribution, key: str, fail: Fail) -> None:
-    """Refuses a deviation that is not above 0, and limits that leave nearly nothing."""
+    """Refuses a standard deviation that is not above 0. Also refuses limits between which the
+    normal distribution has nearly no probability."""
     assert drawn.deviation is not None
     if drawn.deviation <= 0:
         fail(f"{key}.deviation", "expected more than 0; give one value for a fixed parameter")
@@ -243,21 +245,23 @@ def _check_normal(drawn: Distribution, key: str, fail: Fail) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """A part: its kind, and the overrides of its run."""
+    """A part: its kind, and the overrides with which it is simulated."""
 
     kind: str
     values: Row
 
 
 def stream(seed: int, group: str, number: int) -> np.random.Generator:
-    """Returns the random numbers of the part with this number in a group of parts."""
+    """Returns the generator of random numbers for one part. `number`: number of the part in its
+    group."""
     digest = hashlib.sha256(group.encode()).digest()
     key = (int.from_bytes(digest[:4], "little"), number)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def draw(kinds: Sequence[Kind], group: str, seed: int, number: int) -> Part:
-    """Returns the part with this number in a group, whose kinds occur by their weights."""
+    """Draws one part. `number`: number of the part in its group. The probability of each kind is
+    proportional to its weight."""
     random = stream(seed, group, number)
     noise, choice = int(random.integers(NOISE_SEED_MOST)), random.random()
     weights = np.cumsum([kind.weight for kind in kinds])

@@ -1,5 +1,5 @@
-"""Plot of one pressed part: force over travel and over time, with the phases, and with the windows,
-envelopes and bounds of the evaluation elements."""
+"""Draws the plot of one pressed part: force over travel and over time. The plot also shows the
+phases, and the windows, envelopes and bounds of the evaluation elements."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -28,8 +28,8 @@ def part(done: PartRun) -> Figure:
 
 
 def draw(done: PartPicture) -> Figure:
-    """Returns the plot of a part. The upper axes show elements over travel, the lower ones elements
-    over time."""
+    """Returns the plot of a part. The upper diagram shows evaluation elements over travel, the
+    lower diagram those over time."""
     figure, (over_travel, over_time) = plt.subplots(2, 1, figsize=(7.2, 6.4), height_ratios=(3, 2))
     for ax, unit in ((over_travel, "travel, mm"), (over_time, "time, s")):
         style(ax)
@@ -58,12 +58,14 @@ def _colour(phase: int) -> str:
 
 
 def _draw_curve(ax: Axes, done: PartPicture) -> None:
-    """Draws force over travel, each phase in its colour, from shortly before the contact on."""
+    """Draws force over travel, beginning shortly before the contact. Each phase has its own
+    colour."""
     curve = done.curve
     for number, phase in enumerate(done.program.phases):
         inside = curve.phase == number
         if inside.any():
-            inside[1:] |= inside[:-1]  # up to the first sample of the next phase
+            # the line of a phase ends at the first sample of the next phase
+            inside[1:] |= inside[:-1]
             force = np.where(inside, curve.force_N, np.nan)
             ax.plot(
                 curve.travel_m * MM, force, color=_colour(number), linewidth=1.2,
@@ -74,7 +76,7 @@ def _draw_curve(ax: Axes, done: PartPicture) -> None:
 
 
 def _draw_phases(ax: Axes, done: PartPicture) -> None:
-    """Draws force over time, with the phases as areas."""
+    """Draws force over time. The phases are coloured areas."""
     curve = done.curve
     ax.plot(curve.time_s, curve.force_N, color=INK, linewidth=1.0, zorder=3)
     numbers = {phase.name: i for i, phase in enumerate(done.program.phases)}
@@ -89,7 +91,8 @@ def _draw_phases(ax: Axes, done: PartPicture) -> None:
 
 
 def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -> None:
-    """Draws window, curves or bounds of one element, with its name and verdict."""
+    """Draws the window, the limit curves or the bounds of one evaluation element, with its name and
+    verdict."""
     curve = done.curve
     inside = phase_samples(element, done.program, curve)
     if not inside.any() and element.over == "time":
@@ -132,8 +135,7 @@ def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -
 def _draw_crossing(
     ax: Axes, element: Element, begin: float, scale: float, verdict: str, colour: str
 ) -> None:
-    """Draws the range in which the curve has to cross a level of force, as a bar between the
-    bounds."""
+    """Draws a bar between two bounds. The curve must cross a level of force within this bar."""
     level = element.level
     assert level is not None
     edges = [e for e in (element.least, element.most) if e is not None]
@@ -147,7 +149,8 @@ def _draw_crossing(
 def _shade(
     ax: Axes, curve: Curve, element: Element, inside: np.ndarray, verdict: str, colour: str
 ) -> None:
-    """Shades the area below the curve for the work, and names any other element."""
+    """Shades the area below the curve for an evaluation element of the kind "work", and writes its
+    name. Does nothing for other elements."""
     if element.kind != "work" or not inside.any():
         return
     x = curve.travel_m[inside] * MM if element.over != "time" else curve.time_s[inside]
@@ -167,8 +170,8 @@ def _label(
     colour: str,
     offset: float = 3,
 ) -> None:
-    """Writes name, bounds of a number and verdict of an element above a mark, or below it with a
-    negative `offset` in points. `ends_x` are the ends of the mark."""
+    """Writes name, bounds and verdict of an evaluation element above a mark. With a negative
+    `offset`, in points, the text is below the mark. `ends_x`: both ends of the mark."""
     text = short(element.name)
     if not element.is_shape:
         scale, unit = (MM, "mm") if element.unit == "m" else (1.0, element.unit)

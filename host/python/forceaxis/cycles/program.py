@@ -1,7 +1,8 @@
-"""The program of a cycle as its file describes it: phases, what ends them, bounds of elements.
+"""The program of a press cycle, as its file describes it: phases, conditions that end them, and
+bounds of evaluation elements.
 
-The compiled module reads and checks the file and gives these values. The functions here name what
-a result shows.
+The compiled module _core reads and checks the file. The functions of this module convert values of
+the program to the texts and numbers of results.
 """
 
 import re
@@ -18,18 +19,19 @@ from forceaxis.experiments.summary import quantity
 
 __all__ = ["Element", "End", "Phase", "Program"]
 
-KEY = "experiment.cycle"  # override that replaces the program of an experiment
-# Relative difference up to which a value is equal to a bound that is written in decimals.
+KEY = "experiment.cycle"  # name of the override that replaces the program of an experiment
+# A value is regarded as equal to a bound, which is written in decimals, up to this relative
+# difference.
 SAME = 1e-10
 
 
 def end_text(end: End) -> str:
-    """Returns a condition as text, such as "force_above 250 N"."""
+    """Returns a condition that ends a phase as text, such as "force_above 250 N"."""
     return end.when if end.value is None else f"{end.when} {quantity(end.value, end.unit)}"
 
 
 def is_within(element: Element, value: float) -> bool:
-    """Returns True if a value is within the bounds of an element."""
+    """Returns True if a value is within the bounds of an evaluation element."""
     return not (
         (element.least is not None and value < element.least - SAME * abs(element.least))
         or (element.most is not None and value > element.most + SAME * abs(element.most))
@@ -37,18 +39,20 @@ def is_within(element: Element, value: float) -> bool:
 
 
 def with_program(overrides: Sequence[str], program: Path | None) -> list[str]:
-    """Returns the overrides of a run with another program than that of the experiment."""
+    """Adds the override that selects another program than that of the experiment. `program`: file
+    of this program, or None for no change."""
     return [*overrides, *([] if program is None else [f"{KEY}={program.resolve()}"])]
 
 
 def read_program(experiment: Path, overrides: Sequence[str] = ()) -> Program:
-    """Returns the program that an experiment runs. Raises InputError, also for a mistake in the
-    program or if the experiment has none."""
+    """Returns the program of the press cycle of an experiment. Raises InputError if the experiment
+    has no program or if the program has a mistake."""
     return _core.cycle_program(experiment, list(overrides))
 
 
 def number(value: Any, unit: str) -> float | None:
-    """Returns a number or a quantity of a file in `unit`, or None if there is no such quantity."""
+    """Converts a number or a quantity in a file to a number in `unit`. Returns None if this is not
+    possible."""
     if isinstance(value, bool) or value is None:
         return None
     if isinstance(value, int | float):
@@ -57,6 +61,7 @@ def number(value: Any, unit: str) -> float | None:
 
 
 def unit_of_text(value: Any) -> str:
-    """Returns the unit of a quantity as its file spells it, empty for a number."""
+    """Returns the unit of a quantity, as it is written in the file. Returns an empty text for a
+    number."""
     found = re.fullmatch(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(.*?)\s*", str(value))
     return found[1] if found else ""

@@ -1,17 +1,16 @@
-"""Proposes bounds for the evaluation elements of a program from the values of good parts, so that
-the program refuses a stated share of later good parts.
+"""Proposes bounds for the evaluation elements of a program from the values of good parts. With
+these bounds, the program refuses a given fraction of later good parts.
 
-The bounds come from statistically equivalent blocks (Tukey 1947): the parts are removed one by one.
-The bounds take turns, and each removes the part that is then the most extreme on its side, until
-`k` of the `n` parts are removed. Each bound is then the value of the last part that it has removed.
-Whatever the distributions of the values, and whatever their dependence, the share of later parts
-that is beyond any of the bounds has the distribution Beta(k, n + 1 - k) after k of n parts, with
-the mean k / (n + 1), as long as no two values are equal. So the stated share is the share of parts
-that the program refuses, and not that of one evaluation element. Bounds between equal values refuse
-less.
+The bounds are computed by statistically equivalent blocks (Tukey 1947). The parts are removed one
+by one. The bounds take turns: each removes the part that is then the most extreme on its side,
+until k of the n parts are removed. Each bound is the value of the last part that it has removed.
+The fraction of later parts beyond any of the bounds then has the distribution Beta(k, n + 1 - k)
+with the mean k / (n + 1). This holds for any distribution and any dependence of the values, as long
+as no two values are equal. The given fraction therefore applies to the whole program, not to one
+evaluation element. If values are equal, the bounds refuse fewer parts.
 
-Parts that the program refuses whatever these bounds are (because of a limit of a phase, a window,
-an envelope, or a missing value) are the first of the k.
+Some good parts are refused for any bounds, because of a limit of a phase, a window, an envelope,
+or a missing value. These parts are the first of the k removed parts.
 """
 
 import math
@@ -41,15 +40,15 @@ LEFT_OPEN = "the program gives it no bound"
 
 @dataclass(frozen=True)
 class Side:
-    """One bound that a proposal moves: `least` or `most` of an element."""
+    """One bound that a proposal changes. `key` is "least" or "most" of the evaluation element."""
 
-    element: int  # index
+    element: int  # index of the evaluation element
     key: str
 
 
 @dataclass(frozen=True)
 class MovedBounds:
-    """The bounds of one element before and after a proposal, in `unit`."""
+    """The bounds of one evaluation element before and after a proposal, in `unit`."""
 
     name: str
     unit: str
@@ -61,7 +60,7 @@ class MovedBounds:
 
 @dataclass(frozen=True)
 class LeftElement:
-    """An element whose bounds a proposal does not move."""
+    """An evaluation element whose bounds a proposal does not change, with the reason."""
 
     name: str
     kind: str
@@ -70,7 +69,7 @@ class LeftElement:
 
 @dataclass(frozen=True)
 class ProposedPasses:
-    """The share of the parts of one bad kind that pass the proposed bounds."""
+    """The fraction of the parts of one bad kind that are accepted with the proposed bounds."""
 
     name: str
     passed: Share
@@ -80,24 +79,26 @@ class ProposedPasses:
 class Proposal:
     """Proposed bounds of a program."""
 
-    program: str  # file that was written
-    rate: float  # share of good parts that shall be refused
-    parts: int  # good parts from which the bounds were computed
-    # number of good parts that are refused with any bounds, because of other elements
+    program: str  # path of the program file that was written
+    rate: float  # requested fraction of good parts that the program refuses
+    parts: int  # number of good parts from which the bounds were computed
+    # number of good parts that are refused for any bounds, because of other elements or limits
     refused_anyway: int
-    expected: float  # share of later good parts that will be refused
-    low: float  # lower end of the range that contains the refused share of 95 % of such proposals
-    high: float  # ... to here
+    expected: float  # expected fraction of later good parts that the program refuses
+    # lower end of the 95 % range of the fraction of later good parts that the program refuses
+    low: float
+    high: float  # upper end of this 95 % range
     bounds: list[MovedBounds]
     left: list[LeftElement]
     bad: list[ProposedPasses]
-    # share of all bad parts that pass, weighted by the frequency of their kinds
+    # fraction of all bad parts that are accepted; the kinds are weighted by their frequency
     bad_passed: float | None
 
 
 @dataclass(frozen=True)
 class Target:
-    """The file to which a proposal is written, and the experiment with which it is checked."""
+    """The file to which a proposed program is written, and the experiment with which it is
+    checked."""
 
     file: Path
     experiment: Path
@@ -105,7 +106,7 @@ class Target:
 
 
 def sides_of(program: Program) -> list[Side]:
-    """Returns the bounds that a proposal moves, in the order of the file."""
+    """Returns the bounds that a proposal changes, in the order of the program file."""
     return [
         Side(i, key)
         for i, element in enumerate(program.elements)
@@ -116,7 +117,7 @@ def sides_of(program: Program) -> list[Side]:
 
 
 def left_of(program: Program) -> list[LeftElement]:
-    """Returns the elements that a proposal does not change."""
+    """Returns the evaluation elements that a proposal does not change."""
     moved = {side.element for side in sides_of(program)}
     return [
         LeftElement(e.name, e.kind, LEFT_SHAPE if e.is_shape else LEFT_OPEN)
@@ -126,7 +127,8 @@ def left_of(program: Program) -> list[LeftElement]:
 
 
 def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
-    """Returns True if a part is refused whatever the bounds of the elements `moved` are."""
+    """Returns True if a part is refused for any bounds of the evaluation elements with the indices
+    `moved`."""
     return not outcome.is_within_limits or any(
         verdict not in MEASURED if i in moved else verdict != GOOD
         for i, verdict in enumerate(outcome.verdicts)
@@ -136,18 +138,21 @@ def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
 def bounds_by_blocks(
     values: NDArray[np.float64], sides: Sequence[tuple[int, int]], take: int
 ) -> list[float]:
-    """Returns a bound for each side: the value of the last part that was removed on this side.
+    """Returns the bound of each side, which is the value of the last part that was removed on this
+    side.
 
-    values: (n, m) of n parts. sides: (column, 1 for a lower or -1 for an upper bound). take: number
-    of parts to remove, at least one for each side. The sides take turns. A part whose value equals
-    a bound is good, so with equal values only the parts beyond a bound, and one part for each
-    bound, are counted as removed.
+    values: values of the parts, with one row for each part and one column for each evaluation
+    element. sides: pairs of the column and 1 for a lower bound or -1 for an upper bound. take:
+    number of parts to remove, at least one for each side. The sides take turns. A part whose value
+    equals a bound is good. Therefore only the parts beyond a bound, and one part for each bound,
+    are counted as removed.
     """
     parts = len(values)
     keyed = [sign * values[:, column] for column, sign in sides]
     orders = [np.argsort(key, kind="stable") for key in keyed]
-    places = [0] * len(sides)  # for each side: index of the next part in the order of values
-    last = [-1] * len(sides)  # part whose value is the bound
+    # for each side: position of the next part when the parts are sorted by their values
+    places = [0] * len(sides)
+    last = [-1] * len(sides)  # for each side: part whose value is the bound
     taken = np.zeros(parts, dtype=bool)
     beyond = np.zeros(parts, dtype=bool)
 
@@ -159,7 +164,7 @@ def bounds_by_blocks(
         before, last[side] = last[side], part
         taken[part] = True
         if before < 0 or key[part] > key[before]:
-            # All earlier parts in the order that have smaller values are beyond the bound.
+            # All parts with smaller values, in this order, are beyond the bound.
             begin = 0 if before < 0 else int(np.searchsorted(key[order], key[before]))
             end = int(np.searchsorted(key[order], key[part]))
             beyond[order[begin:end]] = True
@@ -176,7 +181,8 @@ def bounds_by_blocks(
 
 
 def check(program: Program, parts: int, rate: float) -> None:
-    """Raises ParameterError or InputError if no bounds can be proposed from so many good parts."""
+    """Raises ParameterError or InputError if no bounds can be proposed from this number of good
+    parts."""
     if not RATE_LEAST <= rate <= RATE_MOST:
         raise ParameterError(
             "propose", f"expected a share from {RATE_LEAST:g} to {RATE_MOST:g}, got {rate:g}"
@@ -197,8 +203,9 @@ def check(program: Program, parts: int, rate: float) -> None:
 
 
 def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> tuple[Program, int]:
-    """Returns the program with the bounds that refuse the share `rate` of good parts, and the
-    number of parts that are refused whatever the bounds. Raises ParameterError or InputError."""
+    """Returns the program with proposed bounds, which refuse the fraction `rate` of good parts.
+    Also returns the number of parts that are refused for any bounds. Raises ParameterError or
+    InputError."""
     judged = [outcome for outcome in outcomes if outcome.is_judged]
     check(program, len(judged), rate)
     sides = sides_of(program)
@@ -215,7 +222,8 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
             f"they refuse {anyway} of {len(judged)} good parts whatever the bounds; widen them, "
             f"give a larger share{more}",
         )
-    # A value is a number of counts times a factor. Rounding to 12 digits makes equal counts equal.
+    # A value is a number of counts times a factor.
+    # After rounding to 12 digits, equal counts give equal values.
     values = np.array([[tidy(outcome.values[i]) for i in moved] for outcome in rest])
     columns = [(moved.index(side.element), 1 if side.key == "least" else -1) for side in sides]
     found = bounds_by_blocks(values, columns, take)
@@ -239,8 +247,9 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
 def propose(
     done: Rates, rate: float, file: Path, experiment: Path, overrides: Sequence[str]
 ) -> Proposal:
-    """Writes the program of `done` to `file` with bounds that refuse the share `rate` of good
-    parts, complete or not at all. Raises ParameterError or InputError."""
+    """Writes the program of `done` with proposed bounds to `file`. The bounds refuse the fraction
+    `rate` of good parts. The file is either complete or not written. Raises ParameterError or
+    InputError."""
     target = Target(file, experiment, overrides)
     return propose_from(done.program, done.good.outcomes, rate, target, done.bad)
 
@@ -252,8 +261,9 @@ def propose_from(
     target: Target,
     bad_groups: Sequence[Group] = (),
 ) -> Proposal:
-    """Writes the program `old` with bounds that refuse the share `rate` of the good parts with
-    these outcomes, complete or not at all. Raises ParameterError or InputError."""
+    """Writes the program `old` with proposed bounds to the file of `target`. The bounds refuse the
+    fraction `rate` of good parts. `outcomes`: outcomes of good parts. The file is either complete
+    or not written. Raises ParameterError or InputError."""
     program, anyway = proposed(old, outcomes, rate)
     moved = sorted({side.element for side in sides_of(program)})
     parts = sum(outcome.is_judged for outcome in outcomes)
@@ -288,14 +298,14 @@ def propose_from(
 
 
 def edited(text: str, program: Program) -> str:
-    """Returns the text of a program with the bounds of `program`. Comments and all other keys stay.
-    Each bound keeps the unit of the bound before. Raises InputError."""
+    """Returns the text of a program file, changed to the bounds of `program`. Comments and all
+    other keys do not change. Each bound keeps its unit. Raises InputError."""
     import tomlkit
 
     crlf = text.count("\r\n") == text.count("\n") > 0
     try:
         document: Any = tomlkit.parse(text.replace("\r\n", "\n") if crlf else text)
-    # tomlkit may refuse a text that the TOML reader of the programs accepts
+    # tomlkit may refuse a text that the TOML reader for programs accepts
     except tomlkit.exceptions.ParseError as error:
         raise InputError(
             f"{program.file}: file: expected TOML that can be edited, got: {error}"
@@ -309,8 +319,8 @@ def edited(text: str, program: Program) -> str:
 
 
 def _written(bound: float, element: Element, before: Any) -> float | str:
-    """Returns a bound as the file writes it: a number, or a quantity in the unit of the bound
-    before, with as many digits as the value needs."""
+    """Returns a bound in the form for the file: a number, or a quantity in the unit of the earlier
+    bound. It has as many digits as the value needs."""
     unit = unit_of_text(before) if isinstance(before, str) else ""
     if not unit:
         return tidy(bound)
@@ -324,8 +334,8 @@ def _written(bound: float, element: Element, before: Any) -> float | str:
 
 
 def _write(old: Program, new: Program, target: Target) -> None:
-    """Writes a program whose bounds have changed. The compiled module reads the new file before
-    this file replaces an old one."""
+    """Writes a program file with changed bounds. The compiled module _core reads the new file as a
+    check before it replaces an old file."""
     with old.file.open(encoding="utf-8", newline="") as stream:
         text = edited(stream.read(), new)
     with paths.replacing(target.file.parent, target.file.name) as (fresh,):

@@ -1,5 +1,5 @@
-"""Error rates of a program over simulated parts: how often a good part is refused, and how often a
-bad part of each kind passes."""
+"""Error rates of the program of a press cycle, computed from simulated parts: how often a good part
+is refused, and how often a bad part of each kind is accepted."""
 
 import csv
 import json
@@ -31,26 +31,29 @@ FILES = ("rates.json", "parts.csv")
 
 @dataclass(frozen=True)
 class RatesRequest:
-    """An experiment with a program, and the simulated parts that the program shall evaluate."""
+    """The request for error rates: an experiment with the program of a press cycle, and the parts
+    to simulate."""
 
     experiment: Path
-    good: Path  # file of parts
+    good: Path  # parts file of the good parts
     bad: Sequence[Path] = ()
     parts: int = 1000  # number of good parts
-    bad_parts: int | None = None  # number of parts of each bad kind; None: as `parts`
+    # number of parts of each bad kind; None means the same number as `parts`
+    bad_parts: int | None = None
     seed: int = 0
     program: Path | None = None  # file of a program that replaces the program of the experiment
     overrides: Sequence[str] = ()
-    # file of a posterior, from which the parameters of the press are sampled for each part
+    # file of a posterior, from which the parameters of the press are drawn for each part
     over: str | None = None
 
     @property
     def all_overrides(self) -> list[str]:
-        """The overrides of every run, including the one that selects the program."""
+        """The overrides of every simulation, including the override that selects the program."""
         return with_program(self.overrides, self.program)
 
     def read_program(self) -> Program:
-        """Returns the program with which the parts are pressed. Raises InputError."""
+        """Returns the program of the press cycle with which the parts are simulated. Raises
+        InputError."""
         return read_program(self.experiment, self.all_overrides)
 
     @property
@@ -77,7 +80,7 @@ class RatesRequest:
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Number of parts with each result: good, bad, aborted."""
+    """Number of parts with each result of the cycle: good, bad, aborted."""
 
     parts: int
     good: int
@@ -86,12 +89,12 @@ class PartCounts:
     aborted: int
     # number of parts whose cycle did not start, or had not ended at the end of the experiment
     no_result: int
-    failed: int  # runs with an error
+    failed: int  # number of simulations that ended with an error
 
 
 @dataclass(frozen=True)
 class ElementRefusals:
-    """How often one evaluation element refuses a good part, as a share of the parts with the
+    """How often one evaluation element refuses a good part, as a fraction of the parts with the
     verdict good or bad."""
 
     name: str
@@ -104,14 +107,14 @@ class GoodRates:
     """How often the program accepts and refuses good parts."""
 
     counts: PartCounts
-    refused: Share  # share of the parts with a verdict
-    limits: Share  # number of parts whose cycle did not end as its program intends
+    refused: Share  # proportion of refused parts among the parts with the verdict good or bad
+    limits: Share  # proportion of these parts whose cycle did not end as its program intends
     elements: list[ElementRefusals]
 
 
 @dataclass(frozen=True)
 class ElementPasses:
-    """How often a bad part would pass if the program had only this evaluation element."""
+    """How often a bad part would be accepted if the program had only this evaluation element."""
 
     name: str
     kind: str
@@ -120,19 +123,19 @@ class ElementPasses:
 
 @dataclass(frozen=True)
 class BadRates:
-    """How often the program accepts and refuses the parts of one bad kind."""
+    """How often the program accepts and refuses the bad parts of one kind."""
 
     name: str
     weight: float
     counts: PartCounts
-    passed: Share  # share of the parts with a verdict
-    limits: Share  # number of parts whose cycle ended as its program intends
+    passed: Share  # proportion of accepted parts among the parts with the verdict good or bad
+    limits: Share  # proportion of these parts whose cycle ended as its program intends
     elements: list[ElementPasses]
 
 
 @dataclass(frozen=True)
 class RatesResult:
-    """The error rates of a program over simulated parts."""
+    """The error rates of the program of a press cycle, computed from simulated parts."""
 
     experiment: str
     program: str
@@ -140,23 +143,24 @@ class RatesResult:
     seed: int
     good: GoodRates
     bad: list[BadRates]
-    # share of all bad parts that pass, weighted by the frequency of their kinds
+    # fraction of all bad parts that are accepted; the kinds are weighted by their frequency
     bad_passed: float | None
     warnings: list[str]
     runs: int
-    resumed: int  # number of runs that the journal already had
+    resumed: int  # number of simulations that the journal of an earlier run already contained
     inputs_hash: str
     firmware_hash: str
     simulator_hash: str
     where: str
     seconds: float
-    ms_per_part: float | None = json_field(default=None, omit_none=True)  # of the runs made now
+    # mean computing time of the new simulations
+    ms_per_part: float | None = json_field(default=None, omit_none=True)
     command: str = ""  # command line that repeats the computation
 
 
 @dataclass(frozen=True)
 class Group:
-    """Simulated parts of one group: all good parts, or the bad parts of one kind."""
+    """One group of simulated parts: all good parts, or all bad parts of one kind."""
 
     name: str
     weight: float
@@ -165,13 +169,14 @@ class Group:
 
     @property
     def judged(self) -> list[PartOutcome]:
-        """The outcomes of the parts that are good or bad."""
+        """The outcomes of those parts that have the verdict good or bad."""
         return [outcome for outcome in self.outcomes if outcome.is_judged]
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Error rates of a program, together with the simulated parts from which they were computed."""
+    """Error rates of the program of a press cycle, and the simulated parts from which they were
+    computed."""
 
     result: RatesResult
     program: Program
@@ -185,13 +190,13 @@ def rates(
     threads: int | None = None,
     scheduler: str | None = None,
 ) -> Rates:
-    """Simulates good and bad parts. The folder `out` stores the finished runs, so that the same
-    request, or a request for more parts, simulates only the missing runs. Nothing is written if
-    `out` is None.
+    """Simulates good and bad parts. Finished simulations are stored in the folder `out`. A later
+    call with the same request, or with a request for more parts, simulates only the missing parts.
+    Nothing is stored if `out` is None.
 
     threads: number of threads, by default one for each core. scheduler: address of a Dask
-    scheduler whose workers run the parts. Raises InputError for a mistake in the request or a file,
-    SimulationError if all runs fail.
+    scheduler, whose workers simulate the parts. Raises InputError for a mistake in the request or
+    in a file, and SimulationError if all simulations of a group fail.
     """
     check(request)
     experiment = request.experiment
@@ -248,7 +253,7 @@ def rates(
 
 
 def check(request: RatesRequest) -> None:
-    """Raises ParameterError if a number of parts is not possible."""
+    """Raises ParameterError if the request contains an impossible number of parts."""
     for name, value in (("parts", request.parts), ("bad_parts", request.bad_count)):
         if not 1 <= value <= PARTS_MOST:
             raise ParameterError(name, f"expected 1 to {PARTS_MOST:,} parts, got {value}")
@@ -257,8 +262,8 @@ def check(request: RatesRequest) -> None:
 
 
 def bad_kinds(files: Sequence[Parts]) -> list[Kind]:
-    """Returns the kinds of all files of bad parts. Raises InputError for a name that occurs
-    twice."""
+    """Returns the kinds of all parts files of bad parts. Raises InputError if two kinds have the
+    same name."""
     kinds: list[Kind] = []
     for parts in files:
         for kind in parts.kinds:
@@ -272,14 +277,14 @@ def bad_kinds(files: Sequence[Parts]) -> list[Kind]:
 
 
 def _drawn(group: str, kinds: Sequence[Kind], seed: int, count: int) -> Group:
-    """Returns the parts of a group, without outcomes."""
+    """Draws the parts of a group. Their outcomes are still missing."""
     parts = [draw(kinds, group, seed, i) for i in range(count)]
     return Group(group, sum(kind.weight for kind in kinds), parts, [])
 
 
 def expect_results(groups: Sequence[Group]) -> None:
-    """Raises SimulationError if all runs of a group of parts failed, so that its error rate is
-    unknown."""
+    """Raises SimulationError if all simulations of a group of parts have failed. Its error rate is
+    then unknown."""
     for group in groups:
         first = group.outcomes[0].error
         if first and all(outcome.error for outcome in group.outcomes):
@@ -287,7 +292,7 @@ def expect_results(groups: Sequence[Group]) -> None:
 
 
 def counts_of(outcomes: Sequence[PartOutcome]) -> PartCounts:
-    """Returns the number of parts with each result: good, bad, aborted."""
+    """Counts the parts with each result of the cycle: good, bad, aborted."""
     states = [outcome.state for outcome in outcomes]
     failed = sum(bool(outcome.error) for outcome in outcomes)
     good, bad, aborted = (states.count(state) for state in (GOOD, BAD, ABORTED))
@@ -311,7 +316,7 @@ def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
 
 
 def bad_rates(group: Group, program: Program) -> BadRates:
-    """Returns how often the program accepts and refuses the parts of one bad kind."""
+    """Returns how often the program accepts and refuses the bad parts of one kind."""
     judged, of = group.judged, len(group.judged)
     return BadRates(
         name=group.name,
@@ -331,7 +336,8 @@ def _passed(judged: Sequence[PartOutcome]) -> Share:
 
 
 def weighted(shares: Sequence[tuple[float, Share]]) -> float | None:
-    """Returns the weighted mean of shares, or None if one of the shares is not known."""
+    """Returns the weighted mean of proportions. Each pair has a weight and a proportion. Returns
+    None if one of the proportions is not known."""
     known = [(weight, one.share) for weight, one in shares if one.share is not None]
     if not known or len(known) < len(shares):
         return None
@@ -358,8 +364,8 @@ def warnings(groups: Sequence[Group]) -> list[str]:
 
 
 def write(done: Rates, out: Path) -> None:
-    """Writes the result and a table with all parts to the folder `out`: either both files or
-    none."""
+    """Writes the result and a table with all parts to two files in the folder `out`. Writes either
+    both files or none."""
     with paths.replacing(out, *FILES) as (summary, table):
         summary.write_text(json.dumps(to_json(done.result), indent=2) + "\n")
         with table.open("w", newline="") as stream:
@@ -381,8 +387,8 @@ def write(done: Rates, out: Path) -> None:
 
 
 def _figures(outcome: PartOutcome, elements: Sequence[Element]) -> list[ElementFigure]:
-    """Returns the values and verdicts of the evaluation elements for a part. A failed run has no
-    values and no verdicts."""
+    """Returns the results of all evaluation elements for one part. If its simulation has failed,
+    they have no values and no verdicts."""
     values: Sequence[float | None] = outcome.values or [None] * len(elements)
     verdicts = outcome.verdicts or [""] * len(elements)
     return [

@@ -1,8 +1,7 @@
-"""The record of one pressed part: a JSON object, and a row of a table.
+"""The record of one pressed part. It can be written as a JSON object or as a row of a table.
 
-`PartRecord` describes a part that an axis has pressed, and also a part that was read from a table.
-An evaluation element has the same columns in a table of recorded parts and in a table of simulated
-parts.
+A PartRecord describes a part that an axis has pressed, or a part that was read from a table. Tables
+of recorded parts and of simulated parts have the same columns for an evaluation element.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,38 +16,41 @@ from forceaxis.results import json_field
 
 Cell = str | float | int | None
 CurvePoint = tuple[float, float, float]  # one point of a curve: time in s, travel in m, force in N
-# Endings of the columns of one evaluation element, in the order of a table.
-# The column without an ending has the value of the element.
+# Endings of the column names of an evaluation element, in the order of the table.
+# The column without an ending contains the value of the element.
 VERDICT, LEAST, MOST, UNIT = "_verdict", "_least", "_most", "_unit"
 ENDINGS = ("", VERDICT, LEAST, MOST, UNIT)
 NOTES_BETWEEN = "; "
-# Notes of a record.
+# Texts that the field `notes` of a record can contain.
 MASTER_DUE, CALIBRATION_DUE = "master due", "calibration due"
-LOST = "lost"  # state of a part whose result a power cut of the axis has lost
+LOST = "lost"  # state of a part whose result was lost in a power cut of the axis
 
 
 @dataclass(frozen=True)
 class PartRecord:
-    """One pressed part, with everything on which its verdict depends. The power-up and the number
-    together identify the part."""
+    """One pressed part, with all data on which its verdict depends. On an axis, the number of the
+    power-up and the number of the part together identify the part."""
 
     number: int
     power_up: int = 0  # number of the power-up of the axis in which the part was pressed
     serial: str = ""  # serial number of the part, written by a client
-    recorded: str = ""  # time of the record in UTC, such as 2026-11-28T03:00:00+00:00
-    axis: str = ""  # connection, such as "node 1 on can0"
+    # time at which the record was made, in UTC, such as 2026-11-28T03:00:00+00:00
+    recorded: str = ""
+    axis: str = ""  # connection to the axis, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
-    program: str = ""  # file
+    program: str = ""  # path of the program file
     title: str = ""  # title of the program
     program_number: int = 0
-    program_crc: str = ""  # CRC as 8 hexadecimal digits, as are the next two
-    law: str = ""  # force law of the part: "bank", or "P" for the law with force_gain alone
-    law_crc: str = ""  # CRC of the bank; empty for the law P
+    # CRC of the program as 8 hexadecimal digits; the next two CRCs have the same form
+    program_crc: str = ""
+    # force law with which the part was pressed: "bank", or "P" for the law with force_gain alone
+    law: str = ""
+    law_crc: str = ""  # CRC of the filter bank; empty for the P law
     parameters_crc: str = ""  # CRC of all parameters that the axis stores
     begin_tick: int = 0  # tick counter of the axis at the start of the cycle
     duration_s: float = 0.0
     state: str = ""  # "good", "bad", "aborted" or "lost"
-    outcome: str = ""  # how the cycle ended
+    outcome: str = ""  # text that says how the cycle ended
     phase: str = ""  # number of the last phase, or of the phase in which the cycle failed
     invalid_ticks: int = 0  # number of ticks in evaluated phases whose sample was not valid
     notes: list[str] = json_field(default_factory=list)
@@ -57,13 +59,13 @@ class PartRecord:
 
     @property
     def key(self) -> tuple[int, int]:
-        """Identification of the part on its axis: number of the power-up, and number of the
-        part."""
+        """The numbers that identify the part among all parts of its axis: number of the power-up,
+        and number of the part."""
         return self.power_up, self.number
 
     def is_same_part(self, other: "PartRecord") -> bool:
-        """Returns True if another record describes the same part. The two records may have been
-        made at different times and over different connections."""
+        """Returns True if another record describes the same part. Both records may have been made
+        at different times and over different connections."""
         names = ("power_up", "number", "device", "program_crc", "begin_tick", "state", "outcome")
         return all(getattr(self, name) == getattr(other, name) for name in names) and [
             (e.verdict, e.value) for e in self.elements
@@ -71,30 +73,33 @@ class PartRecord:
 
 
 def state_text(record: PartRecord) -> str:
-    """Returns the verdict on a part as text, with the reason if its cycle ended otherwise than its
-    program intends."""
+    """Returns the verdict on a part as text. If its cycle did not end as its program intends, the
+    text also states the reason."""
     if record.outcome in ("", BY_PROGRAM):
         return record.state
     return f"{record.state}: {why_text(record.outcome, record.phase, record.invalid_ticks)}"
 
 
-# Columns of a record that precede the columns of its evaluation elements.
+# Columns of a record in a table, without the columns of its evaluation elements, which follow.
 HEAD = tuple(f.name for f in fields(PartRecord) if f.name not in ("elements", "curve"))
 
 
 def element_columns(names: Sequence[str]) -> list[str]:
-    """Returns the columns of elements: all values, then all verdicts, bounds and units."""
+    """Returns the column names of evaluation elements: first all values, then all verdicts, then
+    all bounds and units."""
     return [f"{name}{ending}" for ending in ENDINGS for name in names]
 
 
 def element_cells(elements: Sequence[ElementFigure]) -> list[Cell]:
-    """Returns the cells of element_columns() for one part. None is an empty cell."""
+    """Returns the cells of one part for the columns of element_columns(). None means an empty
+    cell."""
     rows: list[list[Cell]] = [[e.value, e.verdict, e.least, e.most, e.unit] for e in elements]
     return [row[i] for i in range(len(ENDINGS)) for row in rows]
 
 
 def row_of(record: PartRecord) -> dict[str, Cell]:
-    """Returns the row of a record in a table, without its curve, as {column: cell}."""
+    """Converts a record to a row of a table, as {column: cell}. The row does not contain the
+    curve."""
     head = {name: getattr(record, name) for name in HEAD}
     columns = element_columns([element.name for element in record.elements])
     cells = dict(zip(columns, element_cells(record.elements), strict=True))
@@ -102,16 +107,16 @@ def row_of(record: PartRecord) -> dict[str, Cell]:
 
 
 def elements_of(columns: Sequence[str]) -> list[str]:
-    """Returns the names of the evaluation elements in a table. Each element has one column with its
-    verdict and one with its value."""
+    """Returns the names of the evaluation elements in a table. Each element has a column with its
+    verdict and a column with its value."""
     names = [c.removesuffix(VERDICT) for c in columns if c.endswith(VERDICT)]
     return [name for name in names if name in columns]
 
 
 def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRecord:
-    """Returns the record that a row of a table describes; `names` are the evaluation elements of
-    the table. Unknown columns are ignored. Raises InputError, with `where`,
-    for a cell that is no number."""
+    """Converts a row of a table to a record. `names`: names of the evaluation elements in the
+    table. Unknown columns are ignored. If a cell must be a number but is not, raises InputError
+    with a text that begins with `where`."""
 
     def number(column: str) -> float | None:
         text = row.get(column, "")
@@ -141,11 +146,13 @@ def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRe
             most=number(f"{name}{MOST}"),
         )
         for name in names
-        if row[f"{name}{VERDICT}"]  # without a verdict the part has no such evaluation element
+        # if the verdict is empty, the program of this part has no such element
+        if row[f"{name}{VERDICT}"]
     ]
     return PartRecord(**given)
 
 
 def measured(element: ElementFigure) -> float | None:
-    """Returns the value that an element has found and compared with bounds, or None."""
+    """Returns the value of an evaluation element if it was compared with the bounds, otherwise
+    None."""
     return element.value if element.verdict in MEASURED else None

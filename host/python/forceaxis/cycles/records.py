@@ -1,14 +1,16 @@
-"""Folders with records of parts: one JSON file for each part, and a table of all parts.
+"""Reads and writes folders with records of pressed parts. A folder has one JSON file for each part,
+and a table of all parts.
 
     records/
       parts/00003_0000000017.json    power-up 3 of the axis, part 17
       parts.csv                      one row for each part
-      parts.parquet                  the same, if it was asked for
-      parts.jsonl                    all records with their curves, a line each, if asked for
+      parts.parquet                  the same table in Parquet; only on request
+      parts.jsonl                    all records with their curves, one per line; only on request
 
-The JSON files are the records. A file is written completely or not at all, and it is on the disk
-when add() returns, so that the axis may then forget the result. The tables follow from the files: a
-table that a killed program has left incomplete is written again.
+The JSON files are the original records. A file is either complete or not written. When add()
+returns, the file is on the disk, so that the result may then be acknowledged on the axis. The
+tables are made from the JSON files. If a killed program has left an incomplete table, the table is
+written again.
 """
 
 import contextlib
@@ -35,18 +37,19 @@ from forceaxis.results import from_json, to_json
 
 PARTS, TABLE, PARQUET, LINES = "parts", "parts.csv", "parts.parquet", "parts.jsonl"
 NAME = re.compile(r"(\d+)_(\d+)\.json")
-GROUP, GOOD_PARTS = "group", "good parts"  # column and value of the table of `cycle rates`
+# a column in the table of `cycle rates`, and its value for good parts
+GROUP, GOOD_PARTS = "group", "good parts"
 Key = tuple[int, int]
 
 
 def file_name(key: Key) -> str:
-    """Returns the name of the file of a part. Sorted names have the order in which the parts were
-    pressed."""
+    """Returns the name of the JSON file of a part. If the names are sorted, they have the order in
+    which the parts were pressed."""
     return f"{key[0]:05d}_{key[1]:010d}.json"
 
 
 def read_record(file: Path) -> PartRecord:
-    """Returns the record in a JSON file. Raises InputError."""
+    """Reads the record in a JSON file. Raises InputError."""
     table = files.read_json(
         file, "the record of a part as JSON",
         "restore it from a copy, or move it out of the folder",
@@ -55,14 +58,16 @@ def read_record(file: Path) -> PartRecord:
 
 
 def files_of(folder: Path) -> dict[Key, Path]:
-    """Returns the files of all parts of a folder, in the order in which the parts were pressed."""
+    """Returns the JSON files of all parts in a folder, in the order in which the parts were
+    pressed."""
     named = ((NAME.fullmatch(f.name), f) for f in (folder / PARTS).glob("*.json"))
     found = {(int(name[1]), int(name[2])): file for name, file in named if name}
     return dict(sorted(found.items()))
 
 
 def _synced(path: Path) -> None:
-    """Waits until a file or folder is written to the disk, so that a power cut does not lose it."""
+    """Waits until a file or a folder is written to the disk, so that a power cut cannot delete
+    it."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -71,8 +76,8 @@ def _synced(path: Path) -> None:
 
 
 class RecordFolder:
-    """A folder to which a command adds records of one axis. Only one command at a time may use it.
-    Raises InputError."""
+    """A folder to which a command adds the records of one axis. Only one command at a time may use
+    the folder. Raises InputError."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -99,9 +104,9 @@ class RecordFolder:
             raise
 
     def _open(self) -> None:
-        """Removes the unfinished files of an earlier command that was killed, and repairs the
-        table."""
-        for rest in (self.folder / PARTS).glob("*.new"):  # unfinished file of a killed command
+        """Deletes incomplete files that a killed command has left, and repairs the table."""
+        # this file is incomplete, because its command was killed
+        for rest in (self.folder / PARTS).glob("*.new"):
             rest.unlink()
         for path in (self.folder.parent, self.folder):
             _synced(path)
@@ -117,7 +122,7 @@ class RecordFolder:
         self.close()
 
     def close(self) -> None:
-        """Ends the use of the folder."""
+        """Ends the use of the folder, so that another command may use it."""
         os.close(self._lock)
 
     def __contains__(self, key: Key) -> bool:
@@ -125,15 +130,16 @@ class RecordFolder:
 
     @property
     def keys(self) -> list[Key]:
-        """Number of the power-up and number of the part, for each part in their order."""
+        """For each part: number of the power-up, and number of the part. The parts have the order
+        in which they were pressed."""
         return list(self._files)
 
     def record(self, key: Key) -> PartRecord:
-        """Returns the record of one part. Raises InputError."""
+        """Reads the record of one part. Raises InputError."""
         return read_record(self._files[key])
 
     def records(self) -> Iterator[PartRecord]:
-        """Yields the records of all parts. Raises InputError."""
+        """Reads and yields the records of all parts. Raises InputError."""
         return map(read_record, self._files.values())
 
     def add(self, record: PartRecord) -> bool:
@@ -161,13 +167,13 @@ class RecordFolder:
         return True
 
     def write_parquet(self) -> Path:
-        """Writes the table of all parts as Parquet, and returns its path."""
+        """Writes the table of all parts as a Parquet file, and returns the path of the file."""
         import pyarrow
         import pyarrow.parquet
 
         rows = [row_of(record) for record in self.records()]
         columns = _columns_of(rows)
-        # A cell without a value is null. The other cells determine the type of a column.
+        # An empty cell becomes null. The type of a column is determined by its other cells.
         table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})
         with paths.replacing(self.folder, PARQUET) as (file,):
             pyarrow.parquet.write_table(table, file)
@@ -184,8 +190,8 @@ class RecordFolder:
         return self.folder / LINES
 
     def _read_columns(self) -> list[str] | None:
-        """Returns the columns of the table, or None if the table has not exactly one complete row
-        for each file."""
+        """Returns the column names of the table. Returns None if the table does not have exactly
+        one complete row for each JSON file."""
         try:
             data = (self.folder / TABLE).read_bytes()
         except FileNotFoundError:
@@ -201,8 +207,8 @@ class RecordFolder:
         return rows[0] if keys == list(self._files) else None
 
     def _add_row(self, row: dict[str, Cell], is_last: bool) -> None:
-        """Adds the row of the last part to the table. The table is written again if it does not
-        have all columns of the row, or if the part is not the last one."""
+        """Adds a row to the table. If the table does not have all columns of the row, or if the
+        part is not the last one (`is_last`), the whole table is written again."""
         if self._columns is None or not is_last or not set(row) <= set(self._columns):
             self._write_table()
             return
@@ -211,7 +217,7 @@ class RecordFolder:
             writer.writerow([row.get(name) for name in self._columns])
 
     def _write_table(self) -> None:
-        """Writes the table of all parts again."""
+        """Writes the whole table of all parts again."""
         rows = [row_of(record) for record in self.records()]
         self._columns = _columns_of(rows) or list(row_of(PartRecord(0)))
         with (
@@ -224,7 +230,8 @@ class RecordFolder:
 
 
 def _columns_of(rows: Sequence[dict[str, Cell]]) -> list[str]:
-    """Returns the names of all columns in some rows, in the order of their first occurrence."""
+    """Returns the names of all columns that occur in the rows, in the order of their first
+    occurrence."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
@@ -234,13 +241,14 @@ class RecordedParts:
 
     source: str
     records: list[PartRecord]
-    left_out: int = 0  # simulated bad parts in the table of `cycle rates`
+    # number of simulated bad parts in the table of `cycle rates`, which were not read
+    left_out: int = 0
 
 
 def read_parts(source: Path, last: int | None = None) -> RecordedParts:
-    """Returns the parts in a folder with records, in its file parts.jsonl, in a folder of `cycle
-    rates`, or in the table of one of these folders; with `last`, only the last parts. Raises
-    InputError."""
+    """Reads the parts from `source`, which is a folder with records, its file parts.jsonl, a folder
+    of `cycle rates`, or the table in one of these folders. `last`: number of parts at the end that
+    are returned, or None for all parts. Raises InputError."""
     if (source / PARTS).is_dir():
         files = list(files_of(source).values())
         records = [read_record(file) for file in files[-last if last else 0 :]]
@@ -256,7 +264,7 @@ def read_parts(source: Path, last: int | None = None) -> RecordedParts:
 
 
 def _read_lines(file: Path) -> Iterator[PartRecord]:
-    """Yields the records of a file of JSON lines. Raises InputError."""
+    """Reads and yields the records in a file of JSON lines. Raises InputError."""
     with files.parsing(file, "records as JSON lines"):
         lines = file.read_text(encoding="utf-8").splitlines()
     for i, line in enumerate(lines, 1):
@@ -276,8 +284,8 @@ def _expect_parts(found: RecordedParts) -> RecordedParts:
 
 
 def _read_table(file: Path) -> RecordedParts:
-    """Returns the parts of a CSV table. Only good parts are returned from a table of `cycle
-    rates`."""
+    """Reads the parts in a CSV table. From a table of `cycle rates`, only the good parts are
+    returned."""
     where = paths.display(file)
     expected = "a folder with records of parts, or a table parts.csv"
     remedy = "`start_cycle` writes records"
@@ -309,7 +317,8 @@ def _read_table(file: Path) -> RecordedParts:
 
 @contextlib.contextmanager
 def folder_or_none(folder: Path | None) -> Iterator[RecordFolder | None]:
-    """Context manager with the folder for records, or with None if there is no folder."""
+    """Context manager that opens a folder for records and yields it. If `folder` is None, yields
+    None."""
     if folder is None:
         yield None
         return

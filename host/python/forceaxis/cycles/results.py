@@ -1,9 +1,9 @@
 """Reads the results of pressed parts from an axis, records them, and acknowledges them.
 
-A result waits in the memory of the axis until it is acknowledged. `collect` acknowledges a result
-only after its record is on the disk, so that a killed program, a full disk or a lost connection
-loses none. Another master may select results at the same time; a reading in which the selection has
-changed is repeated.
+A result waits in the memory of the axis until it is acknowledged. Collector.collect() acknowledges
+a result only after its record is on the disk. Therefore no result is lost if the program is killed,
+the disk is full or the connection fails. Another master may select results at the same time. If the
+selection has changed during a read, the read is repeated.
 """
 
 import contextlib
@@ -33,20 +33,21 @@ from forceaxis.experiments.points import tidy
 
 SERIAL_WORDS = tuple(f"cycle_serial_{i}" for i in range(1, 5))
 SERIAL_BYTES = 4 * len(SERIAL_WORDS)
-WAITING_MOST = 255  # number of results that an axis can store (firmware/cycle/results.h)
+WAITING_MOST = 255  # largest number of results that an axis stores (firmware/cycle/results.h)
 ELEMENTS_MOST = 16  # largest number of evaluation elements of a program (firmware/cycle/program.h)
-READ_TRIES = 20  # number of attempts to read a result while another master selects other results
+# largest number of attempts to read a result while another master selects other results
+READ_TRIES = 20
 POLL_S = 0.2  # time in s between two reads of the number of waiting results
 RECONNECT_S = 1.0
-# Age from which the CRC of the parameters is computed again for the next part.
-# It is not computed for each part, because it needs the values of some hundred objects.
+# If the CRC of the parameters is older than this time in s, it is computed again for the next part.
+# It is not computed for each part, because some hundred objects must be read for it.
 CRC_KEPT_S = 60.0
 
 
 @dataclass(frozen=True)
 class WaitingObjects:
-    """Objects that show which results wait for their acknowledgement, and which results a power cut
-    has erased."""
+    """Objects that show which results wait to be acknowledged, and which results were lost in a
+    power cut."""
 
     cycle_results_waiting: int
     cycle_number: int
@@ -78,7 +79,8 @@ class ResultObjects:
 
 @dataclass(frozen=True)
 class ElementObjects:
-    """Objects with the result of one evaluation element of this part."""
+    """Objects with the result of one evaluation element, which is selected by
+    cycle_result_element."""
 
     cycle_result_value: int
     cycle_result_verdict: str
@@ -86,7 +88,7 @@ class ElementObjects:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """State of the axis that a record contains in addition to the result of a part."""
+    """Data about the axis that a record contains in addition to the result of the part."""
 
     axis: str = ""
     device: str = ""
@@ -94,18 +96,18 @@ class Circumstances:
     calibration_expired: bool = False
 
 
-# Parameters in the CRC of a record: those that every connection can read.
-# A connection changes some other parameters for its own use.
+# Parameters from which the CRC of a record is computed. Every connection can read these.
+# Some other parameters are not included, because a connection changes them for its own use.
 COUNTED = tuple(
     o.name
-    # sorted by register, because one request reads adjacent registers
+    # sorted by Modbus register, because one request reads adjacent registers
     for o in sorted(PARAMETERS, key=lambda one: one.modbus)
     if o.part != "canopen" and o.modbus >= 0
 )
 
 
 def circumstances(axis: Drive) -> Circumstances:
-    """Returns the state of the axis for a record. Raises Refused, NoAnswer."""
+    """Reads the data about the axis that a record contains. Raises Refused, NoAnswer."""
     names = [n for n in COUNTED if axis.link.reaches(n) and not axis.link.manages(n)]
     raw = axis.link.read(names)
     text = "".join(f"{name}={raw[name]}\n" for name in sorted(names))
@@ -123,7 +125,7 @@ def _now() -> str:
 
 
 def serial_words(text: str) -> dict[str, int]:
-    """Returns {object: raw value} of a serial number of a part. Raises ParameterError."""
+    """Converts the serial number of a part to {object: raw value}. Raises ParameterError."""
     data = text.encode()
     if not text.isprintable() or len(data) > SERIAL_BYTES:
         raise ParameterError(
@@ -151,7 +153,8 @@ class Selection:
 
 @contextlib.contextmanager
 def _selecting(axis: Drive) -> Iterator[None]:
-    """Context manager. At its end, it selects the result again that was selected at its begin."""
+    """Context manager that may select other results. At its end, the result is selected again that
+    was selected at its beginning."""
     before = axis.record(Selection)
     yield
     axis.link.write(
@@ -163,8 +166,9 @@ def _selecting(axis: Drive) -> Iterator[None]:
 
 
 def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
-    """Selects the result of a part and one of its evaluation elements, and reads the objects of
-    `kind`. Raises Refused, and NoAnswer if another master keeps changing the selection."""
+    """Selects the result of a part and one of its evaluation elements, and reads the objects that
+    are the fields of `kind`. Raises Refused. Raises NoAnswer if another master changes the
+    selection repeatedly."""
     for _ in range(READ_TRIES):
         axis.link.write({"cycle_result_number": number, "cycle_result_element": element})
         found = axis.record(kind)
@@ -178,8 +182,8 @@ def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
 
 
 def waiting_numbers(axis: Drive) -> list[int]:
-    """Returns the numbers of the parts whose results wait for their acknowledgement, the oldest
-    first. The search begins at the last part. Raises Refused, NoAnswer."""
+    """Returns the numbers of the parts whose results wait to be acknowledged, beginning with the
+    oldest. The search begins at the last part. Raises Refused, NoAnswer."""
     now = axis.record(WaitingObjects)
     found: list[int] = []
     if now.cycle_results_waiting:
@@ -193,9 +197,10 @@ def waiting_numbers(axis: Drive) -> list[int]:
 
 
 def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
-    """Returns the record of a part whose result waits, without circumstances and notes, or None if
-    no such result waits; 0 is the last part. Elements of another program than `wanted` are raw
-    values without names. Raises Refused, NoAnswer."""
+    """Reads the result of a part as a record, without Circumstances and notes. `number`: number of
+    the part, where 0 means the last part. Returns None if its result does not wait to be
+    acknowledged. If the part was pressed with another program than `wanted`, its evaluation
+    elements have raw values and no names. Raises Refused, NoAnswer."""
     with _selecting(axis):
         found = _selected(axis, number, 0, ResultObjects)
         if found.cycle_result_part == 0:
@@ -244,8 +249,9 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
 
 
 def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartRecord:
-    """Returns a record with the curve of its part, if this is the last part of the axis and the
-    axis permits to read its curve. Raises NoAnswer."""
+    """Adds the curve to the record of a part. This is possible only for the last part of the axis,
+    and only if the axis permits to read its curve. Otherwise the record does not change. Raises
+    NoAnswer."""
     try:
         if axis.integer("cycle_number") != record.number or not record.title:
             return record
@@ -257,16 +263,17 @@ def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartReco
 
 
 def acknowledge(axis: Drive, number: int) -> None:
-    """Acknowledges the result of a part, so that the axis need not keep the result. Raises Refused,
-    NoAnswer."""
+    """Acknowledges the result of a part, so that the axis does not have to store it any longer.
+    Raises Refused, NoAnswer."""
     axis.link.write({"cycle_acknowledge": number})
 
 
 @dataclass
 class Reminders:
-    """Notes in the records of an axis that remind of due work, such as pressing a master part."""
+    """Makes notes in records that remind of necessary work, such as pressing a master part."""
 
-    master_every_h: float | None = None  # None: the records have no note about a master part
+    # hours after which a master part must be pressed; None: no note about it
+    master_every_h: float | None = None
     master_serial: str = ""
     calibration_due: datetime.date | None = None
     master_pressed: datetime.datetime | None = None  # time of the last good master part
@@ -278,12 +285,12 @@ class Reminders:
                 self.press(record)
 
     def press(self, record: PartRecord) -> None:
-        """Stores the time at which a master part was found good."""
+        """Stores the time of a record if it is that of a good master part."""
         if record.serial == self.master_serial and record.state == GOOD:
             self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
 
     def notes(self, record: PartRecord, is_expired: bool) -> list[str]:
-        """Returns the notes of a record. `is_expired`: True if the axis reports that its
+        """Returns the notes for a record. `is_expired`: True if the axis reports that its
         calibration has expired."""
         self.press(record)
         now = datetime.datetime.fromisoformat(record.recorded)
@@ -298,9 +305,9 @@ class Reminders:
 
 
 class Collector:
-    """Reads the results of one axis. With a folder, it records them there and then acknowledges
-    them; without one it changes nothing. Raises InputError if the folder has another part with the
-    same number, Refused, NoAnswer."""
+    """Reads the results of one axis. If `folder` is given, writes their records to it and then
+    acknowledges them. If `folder` is None, changes nothing. Raises InputError if the folder has
+    another part with the same number, and Refused, NoAnswer."""
 
     def __init__(
         self,
@@ -315,11 +322,12 @@ class Collector:
         self._since = time.monotonic()
 
     def collect(self) -> Iterator[PartRecord]:
-        """Yields the records of waiting results, the oldest first. With a folder, yields only the
-        records that were not in the folder."""
+        """Yields the records of the results that wait to be acknowledged, beginning with the
+        oldest. If there is a folder, writes each record to it and acknowledges the result. Records
+        that the folder already contains are not yielded."""
         for number in waiting_numbers(self.axis):
             record = self.record(number)
-            if record is None:  # another master has acknowledged this result meanwhile
+            if record is None:  # another master has already acknowledged this result
                 continue
             is_new = True
             if self.folder is not None:
@@ -331,13 +339,14 @@ class Collector:
                 yield record
 
     def lost(self) -> list[PartRecord]:
-        """Returns records of the results that a power cut of the axis has erased. With a folder,
-        returns only the records that were not in the folder. Call collect() first."""
+        """Returns records of the results that were lost in a power cut of the axis. If there is a
+        folder, records that it already contains are not returned. Call collect() before."""
         now = self.axis.record(WaitingObjects)
         last = now.cycle_lost_last
         if now.cycle_lost_first == 0:
             return []
-        before = now.cycle_power_up - 1  # power-up to which the lost parts belong
+        # number of the power-up in which the lost parts were pressed
+        before = now.cycle_power_up - 1
         found = []
         for number in range(max(now.cycle_lost_first, last + 1 - WAITING_MOST), last + 1):
             record = self._completed(PartRecord(number, before, recorded=_now(), state=LOST))
@@ -350,16 +359,17 @@ class Collector:
         return found
 
     def _is_known(self, lost: PartRecord) -> bool:
-        """Returns True if the folder has the record of a lost part. An axis may report a lost part
-        twice: if a power cut comes before the axis has stored the acknowledgement. It never reports
-        another part with the same number."""
+        """Returns True if the folder already has the record of a lost part. An axis reports a lost
+        part twice if a power cut occurs before the axis has stored the acknowledgement. It never
+        reports another part with the same number."""
         if self.folder is None:
             return False
         same = [key for key in self.folder.keys if key[1] == lost.number]
         return lost.key in same or any(self.folder.record(key).state == LOST for key in same)
 
     def record(self, number: int) -> PartRecord | None:
-        """Returns the complete record of a part whose result waits, or None."""
+        """Returns the complete record of a part, or None if its result does not wait to be
+        acknowledged."""
         record = read(self.axis, number, self.wanted)
         return None if record is None else self._completed(record)
 
@@ -379,8 +389,8 @@ class Collector:
 
 @dataclass(frozen=True)
 class Silence:
-    """Event: the axis does not answer, for a stated reason. With an empty reason: the axis answers
-    again."""
+    """Event: the axis no longer answers, for the stated reason. If the reason is empty, the axis
+    answers again."""
 
     reason: str
 
@@ -391,9 +401,9 @@ def watch(
     folder: RecordFolder,
     reminders: Reminders,
 ) -> Iterator[PartRecord | Silence]:
-    """Records the parts of an axis that another master commands, and yields their records, without
-    end. If the axis no longer answers, the function connects to it again. Raises InputError, and
-    Refused if the axis refuses an acknowledgement; NoAnswer if the axis does not answer at the
+    """Records the parts of an axis that another master commands. Yields their records and never
+    ends. If the axis no longer answers, connects to it again. Raises InputError. Raises Refused if
+    the axis refuses an acknowledgement, and NoAnswer if the axis does not answer at the
     beginning."""
     collector: Collector | None = Collector(Axis(connect()), wanted, folder, reminders)
     while True:
@@ -418,8 +428,8 @@ def _reconnected(
     folder: RecordFolder,
     reminders: Reminders,
 ) -> Collector:
-    """Connects to an axis again. Raises NoAnswer, also if the interface of the connection is
-    missing."""
+    """Connects to an axis again. Raises NoAnswer if the axis does not answer or if the interface of
+    the connection is missing."""
     try:
         axis = Axis(connect())
     except InputError as error:
@@ -432,8 +442,9 @@ def _reconnected(
 
 
 def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
-    """Presses one part on an axis that is owned, and returns its record, which the axis still
-    keeps. Raises ParameterError, Refused, NoAnswer."""
+    """Presses one part on an axis that this program owns, and returns its record. The axis still
+    stores the result, because it is not acknowledged here. Raises ParameterError, Refused,
+    NoAnswer."""
     words = serial_words(serial)
     now = circumstances(axis)
     if serial:
@@ -441,7 +452,8 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     try:
         fault = live.start(axis, wanted)
     except BaseException:
-        # If no cycle starts, the axis would use this serial number for the next part.
+        # If no cycle has started, the axis would otherwise use this serial number for the next
+        # part.
         with contextlib.suppress(Refused, NoAnswer):
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise

@@ -1,5 +1,5 @@
-"""Plots of the statistics of pressed parts: run chart and histogram of each evaluation element, and
-the last curves."""
+"""Plots of the statistics of pressed parts. They show a run chart and a histogram for each
+evaluation element, and the curves of the last parts."""
 
 from collections.abc import Sequence
 
@@ -17,15 +17,15 @@ from forceaxis.cycles.record import CurvePoint
 from forceaxis.drawing import FAINT, INK, style
 from forceaxis.words import plain
 
-# sizes in inches: height of a row of charts, height of the curves, width of the plot
+# Sizes in inches: height of a row of charts, height of the plot of the curves, and total width.
 ROW_IN, CURVES_IN, WIDTH_IN = 1.9, 3.4, 7.6
-MARKED_MOST = 500  # largest number of values that a line connects
-Curves = Sequence[tuple[str, Sequence[CurvePoint]]]  # state of the part, curve
+MARKED_MOST = 500  # a line connects the values of a run chart up to this number of values
+Curves = Sequence[tuple[str, Sequence[CurvePoint]]]  # pairs: verdict on a part, and its curve
 
 
 def shown_elements(found: PartStatistics) -> list[ElementStatistics]:
-    """Returns the evaluation elements that get a plot: an element needs at least one value, and
-    either a bound or two different values."""
+    """Returns the evaluation elements for which a plot is drawn. Such an element has at least one
+    value, and either a bound or two different values."""
     return [
         e
         for e in found.elements
@@ -34,8 +34,8 @@ def shown_elements(found: PartStatistics) -> list[ElementStatistics]:
 
 
 def statistics(found: PartStatistics, curves: Curves) -> Figure:
-    """Returns one plot with the run charts, the histograms, and the overlaid curves of parts if
-    there are any."""
+    """Returns one plot with the run charts and the histograms of all elements. If there are curves
+    of parts, the plot also shows them, drawn over each other."""
     elements = shown_elements(found)
     heights = [ROW_IN] * len(elements) + [CURVES_IN] * bool(curves)
     figure = plt.figure(figsize=(WIDTH_IN, 0.4 + sum(heights or [1.0])), layout="constrained")
@@ -54,7 +54,7 @@ def statistics(found: PartStatistics, curves: Curves) -> Figure:
 
 
 def element(one: ElementStatistics) -> Figure:
-    """Returns the run chart and the histogram of one element."""
+    """Returns a plot with the run chart and the histogram of one evaluation element."""
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(WIDTH_IN, ROW_IN), width_ratios=(3, 1), sharey=True, layout="constrained"
     )
@@ -72,8 +72,8 @@ def overlay(curves: Curves) -> Figure:
 
 
 def _draw_element(run_chart: Axes, bars: Axes, one: ElementStatistics) -> None:
-    """Draws the values of an evaluation element in the order of the parts, and their histogram
-    beside the run chart."""
+    """Draws the run chart of an evaluation element, which shows its values in the order of the
+    parts. Draws the histogram of the values to the right of the run chart."""
     scale, unit = (MM, "mm") if one.unit == "m" else (1.0, one.unit)
     values = np.array([np.nan if v is None else v * scale for v in one.values])
     least, most = ((np.nan if b is None else b * scale) for b in (one.least, one.most))
@@ -121,15 +121,16 @@ def _draw_element(run_chart: Axes, bars: Axes, one: ElementStatistics) -> None:
 
 
 def draw_curves(ax: Axes, curves: Curves) -> None:
-    """Draws the force of parts over the travel. Bad and aborted parts have another colour and are
-    drawn on top."""
+    """Draws the curves of parts, with the force over the travel. Curves of bad and aborted parts
+    have another colour and are drawn over the others."""
     style(ax)
     for state, curve in sorted(curves, key=lambda one: one[0] != GOOD):
         travel, force = (np.array([point[i] for point in curve]) for i in (1, 2))
         colour = GOOD_COLOUR if state == GOOD else BAD_COLOUR
         ax.plot(travel * MM, force, color=colour, linewidth=0.8, alpha=0.6)
     last = max(max(point[1] for point in curve) for _, curve in curves) * MM
-    ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))  # as in the plot of a part
+    # this range is the same as in the plot of a single part
+    ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))
     ax.set_xlabel("travel, mm")
     ax.set_ylabel("force, N")
     ax.set_title(f"The last {len(curves)} curves", fontsize=8, loc="left", color=INK)
