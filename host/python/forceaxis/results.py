@@ -125,8 +125,7 @@ def _overrides(kind: type[D]) -> dict[str, Any]:
 
 
 def _to_dict(kind: type[D]) -> Callable[[D], JsonObject]:
-    # If the type of a field is a string or `Any`, cattrs converts the field by the type of its
-    # value.
+    # A field whose type is a string or `Any` is converted by the type of its value.
     with_all_fields = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 

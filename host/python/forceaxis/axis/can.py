@@ -38,8 +38,7 @@ except ImportError:
         "expected the packages python-canopen and python-can; install both packages with `pip "
         "install 'forceaxis[can]'`",
     ) from None
-# The libraries `canopen` and `can` must print no log messages, because a command prints an error on
-# one line.
+# A command prints an error on one line, so these libraries must not print log messages.
 for library in ("can", "canopen"):
     logging.getLogger(library).addHandler(logging.NullHandler())
 
@@ -146,8 +145,8 @@ class CanLink(RecorderLink):
         # Name of the sub-object of 1016h that this program has written, and its earlier value.
         # This is None while the axis does not monitor the heartbeat of this program.
         self._watched: tuple[str, int] | None = None
-        # Command specifier, index and sub-index of the expected SDO answer, or None if any answer
-        # is accepted.
+        # Command specifier, index and sub-index of the expected SDO answer.
+        # None accepts any answer.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # This event is set if another node sends heartbeats with the node id of this program.

@@ -26,8 +26,7 @@ READY_S = 10.0
 # Longest time in s until the gateway, which polls the axis, detects the end of a recording.
 RECORDING_END_MAX_S = 2.0
 RETRY_PERIOD_S = 0.1  # time in s between two attempts to send a command that the gateway refuses
-# These words occur in the text with which the gateway refuses a command
-# (host/gateway/commands.cpp).
+# These words occur in texts with which the gateway (commands.cpp) refuses a command.
 NOT_SET_UP_TEXT = "not set up yet"
 RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"

@@ -31,8 +31,7 @@ TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # a path may contain colons
 BAUD_RATE = 115_200  # default baud rate of the firmware, with 8 data bits and even parity
 PARITIES = "EN"
-# total size in bytes of the objects cycle_data_1 to cycle_data_16; the head of an update has the
-# same size
+# size in bytes of the objects cycle_data_1 to cycle_data_16, and of the head of an update
 PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
 # number of attempts if the answer to a request is lost; the axis ignores bytes that it has already

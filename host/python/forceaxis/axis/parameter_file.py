@@ -212,8 +212,7 @@ def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id
 class Header:
     """The tables [about] and [objects] of a parameter file that is read."""
 
-    #: Hash of the object table, as 0x and 8 digits, or "" if the parameter file does not state the
-    #: hash.
+    #: Hash of the object table, as 0x and 8 digits, or "" if it is not in the parameter file.
     object_table: str
     #: True if all parameters that are not in the parameter file have their default values.
     has_defaults: bool

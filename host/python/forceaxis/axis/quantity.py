@@ -47,8 +47,7 @@ COUNT_UNITS = {
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
 COUNTS_WITHOUT_LENGTH = {"encoder_increments"}
-# Indices of CiA 402 objects whose unit is always the encoder count, even if the axis has user
-# units.
+# Indices of CiA 402 objects whose unit is always the encoder count, even with user units.
 COUNT_INDICES = (0x6063, 0x6069)
 UNKNOWN_COUNT_SIZE = (
     "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"

@@ -350,8 +350,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         return done["wall_s"], done["cpu_s"]
 
     # {name of a sweep: (number of runs, function)}.
-    # The function does the runs with a number of threads, and returns elapsed time and CPU time in
-    # s.
+    # The argument of this function is the number of threads.
+    # It returns elapsed time and CPU time in s.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }

@@ -43,8 +43,7 @@ TOOLS = ("forceaxis", "odeint")
 RUN_TICKS = 225  # number of ticks in each run of the sweep; the touch-down is at tick 190
 # gain of the chain in DAC codes per ADC code, and its force set-point in N
 GAIN, SETPOINT_N = 4, 59
-# With these values, the control law of the oscillator commands small motions of the robot, so that
-# no limit of the motor is reached.
+# With these values, the motions of the robot are small, and no limit of the motor is reached.
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
 # in a model file, the beginning of the tables of the drive, and of the tables after it
 DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")

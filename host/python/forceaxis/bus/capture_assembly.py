@@ -44,8 +44,7 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # `raw` has its size before samples are copied, so that `missing` is correct without samples
-        # too.
+        # The size of `raw` is set first, so that `missing` is correct even without samples.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:

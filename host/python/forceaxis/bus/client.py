@@ -48,8 +48,7 @@ COMMAND_TRIES = 40
 # PROGRESS_WAIT_S applies while the gateway may still read the samples from the axis.
 # LATE_BLOCKS_WAIT_S applies after the gateway has read all samples.
 PROGRESS_WAIT_S, LATE_BLOCKS_WAIT_S = 1.0, 0.25
-# TRANSFER_MAX_S: longest time in s from the trigger of a capture until all its samples have
-# arrived.
+# TRANSFER_MAX_S: longest time in s from the trigger of a capture until all samples have arrived.
 # FRUITLESS_MAX: largest number of consecutive requests for lost samples without a new sample.
 # If a network loses half of all datagrams, only one of a million captures needs more requests.
 TRANSFER_MAX_S, FRUITLESS_MAX = 120.0, 20
@@ -59,8 +58,7 @@ SILENCE_S = 1.0  # longest time in s between two state messages of an axis while
 
 T = TypeVar("T")
 Value = float | str  # engineering value, or the text of an enumeration
-# SDO abort codes of CiA 301: "SDO protocol timed out", and "not possible in the present state of
-# the device".
+# SDO abort codes of CiA 301: time-out of the SDO protocol, and wrong state of the device.
 SDO_TIMEOUT, NOT_NOW = 0x05040000, 0x08000022
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 

@@ -113,8 +113,7 @@ class Bounds:
         finally:
             if viewed:
                 viewed.detach()
-            # Without this call, `_view` would keep the connection open after the server has closed
-            # it.
+            # Otherwise `_view` would keep the connection open after the server has closed it.
             os.dup2(self._nothing, self._view, inheritable=False)
 
 

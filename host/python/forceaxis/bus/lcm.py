@@ -294,7 +294,6 @@ class Bus(Closable):
         except Exception as error:  # the user of this connection reports the error
             self.trouble = f"{self.url}: {error}"
         finally:
-            # The subscription refers to the LCM object, whose sockets stay open as long as it
-            # exists.
+            # The subscription keeps the LCM object alive, and the sockets of this object open.
             # The library lcm fails if the process has more than 1024 sockets.
             receiver.unsubscribe(subscription)

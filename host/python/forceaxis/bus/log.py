@@ -17,8 +17,8 @@ from forceaxis._core import InputError
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
-# Header of a log entry: synchronisation mark, number of the entry, time in us since 1970, size of
-# the channel name in bytes, size of the data in bytes.
+# Header of a log entry: synchronisation mark, number of the entry, time in us since 1970.
+# The header ends with the sizes of channel name and data in bytes.
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 # Largest time in us, which is in the year 2262. MCAP and NumPy count nanoseconds in 64 bits.

@@ -112,8 +112,7 @@ class Monitor(App[None]):
         self.draw_head()
 
     def watch_app_focus(self, focused: bool) -> None:
-        # In a browser, the page must show the available keys even before the user has clicked the
-        # page.
+        # A page in a browser must show the available keys before the user has clicked it.
         if not focused:
             self.app_focus = True
             self.refresh_bindings()

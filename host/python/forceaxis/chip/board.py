@@ -37,9 +37,9 @@ below firmware/port, where several boards have common source files.
                     which unlock the flash memory and are written first; another register with the
                     bits `start` and `lock`; the bit `load` of that register, which makes the new
                     values effective and resets the chip
-    [registers]     optional. For tools/check_svd: header file; PyPI package or crate of the vendor's
-                    register files, and its devices; peripherals that these files lack; names
-                    that differ; fields that the files lack although the manual has them; fields
+    [registers]     optional. For tools/check_svd: header file; PyPI package or crate of register
+                    files, and its devices; peripherals that these files lack; names that differ;
+                    fields that the files lack although the manual has them; fields
                     that differ between the files and the manual
 
 Programs in tools/ import this module without the package forceaxis. Therefore it uses only the

@@ -238,8 +238,7 @@ def command(plan: Plan) -> list[str]:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
     if slots:
-        # Without this step, the loader would start a newer image in the other slot instead of this
-        # image.
+        # Otherwise the loader would start a newer image in the other slot instead of this image.
         steps.append(f"flash erase_address {slots.addresses[1]:#010x} {slots.bytes:#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     if options:

@@ -64,10 +64,8 @@ DISTORTION_RECORDS = 3
 # ARRIVALS_SURE: with so many changes, a multiple of the stated cycle is not accepted.
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
-# Factor by which the amplitude is multiplied after a bound was exceeded, and largest number of
-# these reductions.
-# The next two values apply to an axis without friction, the following two to an axis with dry
-# friction.
+# After a bound was exceeded, the amplitude is multiplied by a factor, a limited number of times.
+# The first factor and number apply to an axis without friction, the second to dry friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
@@ -464,8 +462,7 @@ class Analyzer:
             f"amplitude {level.amplitude} codes: periods differ by {level.distorted:.3g} times the "
             "noise"
         )
-        # With dry friction, the distortion is larger at a smaller amplitude, so the amplitude is
-        # not reduced.
+        # Dry friction distorts more at a smaller amplitude, so the amplitude is not reduced.
         # The variance of the response contains this distortion.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
         if is_distorted and level.amplitude > 1:
@@ -517,8 +514,7 @@ class Analyzer:
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # An axis that sticks has little noise.
             # Its expected deviation is small although it does not slide.
-            # With dry friction, the search therefore increases the amplitude up to the permitted
-            # range.
+            # With dry friction, the search therefore uses the whole permitted range.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:

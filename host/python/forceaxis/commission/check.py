@@ -16,8 +16,7 @@ from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 from forceaxis.objects import mask
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
-# Number of reads at rest, and time in s between two reads, if the connection transfers no
-# recordings.
+# Without recordings: number of reads at rest, and time in s between two reads.
 READINGS, READING_PERIOD_S = 25, 0.02
 # Largest change of the encoder count at standstill.
 # The limit of the first motion test in the firmware has the same value.
@@ -30,8 +29,7 @@ TRAVEL_CNT, OUTPUT_CODES = 400, 250
 # Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
 SETTLE_S = 1.3  # time in s from the end of a move to the read of the position error
-# The axis is disabled above this speed in counts per tick, which is at least four times the speed
-# of the move.
+# speed in encoder counts per tick that disables the axis: at least four times the speed of a move
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4

@@ -290,8 +290,7 @@ def touch_downs(
             part = _cut(recording, begin_s, end_s)
             if all(commanded):
                 touch = _without_rest(reader.read(own, part))
-                # The drive moves at the beginning of this touch-down, so the simulation begins with
-                # the earlier command.
+                # The drive already moves here, so the simulation begins with the earlier command.
                 if i > 1:
                     touch = touch.until(len(touch.volts), round(RUN_UP_S * reader.rate))
             else:
@@ -390,8 +389,7 @@ class _Reader:
         begun = replace(
             self.samples(force, begin, end, 0), noise=quiet.noise, free=quiet.free, seen=quiet.seen
         )
-        # The simulation begins earlier with the same command, so that the drive has settled at
-        # `begin`.
+        # The simulation begins earlier, so that the drive has settled at `begin`.
         ahead = round(RUN_UP_S * self.rate)
         begun = replace(begun, at=begun.at + ahead)
         steps = int((end - begin) * self.rate + 1e-6) + 2 + ahead

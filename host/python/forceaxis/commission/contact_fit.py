@@ -41,8 +41,7 @@ from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.results import to_json
 
-# The recordings determine a parameter if its posterior standard deviation, divided by its prior
-# one, is at most this value.
+# A parameter is determined if its posterior deviation is at most this fraction of its prior one.
 TOLD_SHARE = 1 / 3
 # limits of the p value below which a model is doubted and rejected
 DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3
@@ -64,8 +63,7 @@ class ContactOrder:
     held: Overrides = field(default_factory=dict)
     seed: int = 0
     threads: int = 1
-    #: folder of the stored Markov chains, with which an interrupted identification continues, or
-    #: None
+    #: folder of Markov chains with which an interrupted identification can continue, or None
     out: Path | None = None
     scheduler: str | None = None
 

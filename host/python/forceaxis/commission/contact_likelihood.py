@@ -34,8 +34,7 @@ PLACE_DEVIATION_M = 1e-3  # prior standard deviation in m of the position of the
 # prior standard deviation of the zero of the force, divided by the range of the recorded force
 ZERO_SHARE = 0.01
 START_VALUES = 3  # number of start values in _core.Contacts: shift in m, speed in m/s, command in V
-# Function simulate(values, starts), which returns the force and position readings of
-# _core.Contacts.run().
+# Function simulate(values, starts), which returns the same readings as _core.Contacts.run().
 Simulate = Callable[[Floats, Floats], Floats]
 
 

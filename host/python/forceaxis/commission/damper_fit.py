@@ -216,8 +216,7 @@ def _with_fewest_dampers(
         fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
         if fitted is None or fitted.found.rejected:
             continue
-        # One more damper is accepted if the fit improves by more than the penalty for one
-        # parameter.
+        # A damper is accepted if the fit improves by more than the penalty of a parameter.
         if not about.is_recorded:
             plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
             count = len(fitted.found.names) - len(starts)

@@ -51,20 +51,17 @@ NOISE_SLIDES = 2.5
 # LEG_S and LEG_SAMPLES: duration in s and number of samples while the force rises.
 # The same values apply while the force falls.
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
-# If the relative force error is above this value, friction has stopped an axis without integral
-# action.
+# Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
-# The following constants belong to slow_loading(), which finds compliance and friction under the
-# workpiece.
+# The following constants belong to slow_loading(), which finds compliance and friction.
 # BLOCK_SAMPLES: number of samples of a block, which are replaced by their mean.
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
-# Friction is accepted if it decreases the error of the predicted position at least by this
-# fraction.
+# Friction is accepted if it reduces the error of the predicted position by this fraction.
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
@@ -72,8 +69,7 @@ DISPLACEMENT_MIN_CNT = 0.35
 # Above this ratio, the workpiece slides.
 SLIDE_FACTOR = 1.2
 
-# The following constants belong to directions(), which finds the friction of guide and gear in
-# contact.
+# The following constants belong to directions(), which finds the friction of guide and gear.
 # Slope of the force in a block of samples, divided by the mean slope.
 # If this ratio is larger, the block belongs to a motion.
 SLOPE_MIN_SHARE = 0.3

@@ -38,22 +38,18 @@ from forceaxis.recordings import signal_recording
 LEVEL = 0.05
 # A parameter is tested only if the measurement of today can detect this change of its logarithm.
 TOLD_CHANGE = 0.5
-# Another parameter explains the change nearly as well as the best one if the difference of twice
-# their log likelihoods is below this value.
+# Two parameters explain a change nearly equally well below this difference in chi-square.
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
 ITERATIONS = 12  # largest number of evaluations in a fit
 STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
 # MOVED_MAX: largest number of parameters that the result names as changed.
-# SHARE_MIN: each further parameter must decrease chi-square at least by this fraction of the
-# decrease by the first one.
+# SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by that of the first.
 MOVED_MAX, SHARE_MIN = 3, 0.02
-# Smallest fraction of the information about a parameter that remains when other parameters may
-# change too.
+# Smallest fraction of the information on a parameter that other parameters do not explain.
 LEAST_SHARE = 1e-6
 STEP_LOG = 1e-4
-# With the window "hann", the variance of a sum over neighbouring frequencies is larger by this
-# factor.
+# The window "hann" increases the variance of a sum over frequencies by this factor.
 # The window causes the correlations 2/3 and 1/6 between their errors: 1 + 2 (2/3 + 1/6) = 8/3.
 HANN_FACTOR = 8 / 3
 

@@ -22,14 +22,12 @@ from forceaxis.design import model_file
 from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
-# If the machine was released without a posterior, the standard deviation of the logarithm of a
-# parameter is at most this value.
+# Largest standard deviation of the logarithm of a parameter, if there is no released posterior.
 # In this case, the machine is assumed to agree with its model.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
 FORCE_MIN_N = 1.0  # smallest force from which start values of a changed plant are computed
-# Prior standard deviations of the gain of a sensor, of the encoder scale, and of the position of
-# the workpiece.
+# Prior standard deviations: gain of a sensor, encoder scale, position of the workpiece.
 GAIN_DEVIATION, SCALE_DEVIATION, PLACE_DEVIATION_M = 0.5, 0.3, 5e-3
 COMMAND = "command"
 CHANGED = "changed_"  # prefix of the names of parameters that a cause adds to the model

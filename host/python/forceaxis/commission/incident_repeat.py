@@ -138,8 +138,7 @@ def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[s
         encoder["scale"] = released.facts.required_encoder.scale * changed["scale"]
     if "slip" not in changed:
         return []
-    # The encoder measures the body relative to its scale, so the scale moves in the opposite
-    # direction.
+    # The encoder measures relative to its scale, so the scale moves in the opposite direction.
     encoder["reference"] = "encoder_tape"
     body = {"name": "encoder_tape", "mass": SCALE_KG}
     held = {"name": "encoder_glue", "between": ["encoder_tape", "ground"],

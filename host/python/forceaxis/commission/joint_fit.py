@@ -51,14 +51,13 @@ MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # SEARCHES_MAX: number of best points of this grid from which a search begins.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# A spectral line is near the limiting mode if the logarithms of both frequencies differ by less
-# than this value.
+# Largest difference of logarithms at which a frequency is near that of the limiting mode.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
-# LEVEL_DISTANCE_MAX_LOG: largest difference of the logarithm of a parameter between two forces that
-# one plant can explain.
+# These values are differences of the logarithm of a parameter between two forces.
+# LEVEL_DISTANCE_MAX_LOG: largest difference that one plant can explain.
 # LEVEL_CHANGE_LOG: a smaller difference is not regarded as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
@@ -125,8 +124,7 @@ class JointFit:
     text: str = ""  #: reason for the rejection as text
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 % intervals
-    #: {"a/b" or "a*b": (value, low, high)} for pairs of parameters whose quotient or product is
-    #: accurate
+    #: {"a/b" or "a*b": (value, low, high)} for accurate quotients and products of two parameters
     ratios: dict[str, tuple[float, float, float]] | None = None
     #: correlation matrix; rows and columns in the order of the names in `best`
     correlation: Samples | None = None

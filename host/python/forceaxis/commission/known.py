@@ -25,8 +25,7 @@ POSTERIOR_SPREAD_MIN = 0.01
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
 STEADY_HZ = 0.02  # at this low frequency in Hz, the axis moves with its steady speed
-# Largest DAC code of an excitation by noise, divided by the largest step of the DAC code with which
-# the drive stays linear.
+# Largest DAC code of noise, divided by the largest step at which the drive stays linear.
 # The factor is above 1 because the noise rarely reaches its peak.
 NOISE_PEAK_FACTOR = 2
 # The excitation by noise may use this fraction of the limit of the drive.

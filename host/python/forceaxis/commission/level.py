@@ -23,8 +23,7 @@ class MeasuringOrder:
     band_hz: tuple[float, float] = (1.0, 100.0)
     resolution_hz: float = 1.0
     averages: int = 8
-    #: with this number of averages, the measurement may end if the error is small; 0: uses all
-    #: averages
+    #: smallest number of averages with which the measurement may end early; 0: uses all averages
     fewest: int = 0
     settle_s: float = 1.0
     force_max_N: float = math.inf
@@ -35,8 +34,7 @@ class MeasuringOrder:
     first: int = 1
     most: int = MOST_CODES  # : largest amplitude in DAC codes that the search tries
     seed: int = 1
-    #: True: dry friction is searched; if there is friction, the amplitude is so large that the axis
-    #: slides
+    #: True: searches for dry friction, and makes the axis slide if there is friction
     finds_friction: bool = True
     # : True: the axis has dry friction, whose effect is larger at smaller amplitudes
     rubs: bool = False

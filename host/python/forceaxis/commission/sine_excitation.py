@@ -27,8 +27,7 @@ FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # SLIDES_MIN: smallest displacement that is accepted.
 # Both are multiples of the displacement at which the spring overcomes the friction.
 SLIDES, SLIDES_MIN = 3.0, 1.25
-# Largest number of amplitudes that are tried at one frequency, and ratio of two successive
-# amplitudes.
+# Largest number of amplitudes at one frequency, and ratio of two successive amplitudes.
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 
@@ -47,8 +46,8 @@ class SineTestResult:
     hz: tuple[float, ...]
     codes: tuple[float, ...]
     newton: tuple[float, ...]
-    #: One row for each sine: frequency in Hz, real and imaginary part of the force in N, real and
-    #: imaginary part of the displacement of the axis in m, amplitude in DAC codes.
+    #: one row for each sine: frequency in Hz, force in N, displacement in m, amplitude in codes.
+    #: Force and displacement of the axis are complex and have two columns each.
     rows: tuple[tuple[float, ...], ...]
 
 

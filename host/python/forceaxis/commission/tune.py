@@ -646,8 +646,8 @@ IN_ORDER: tuple[AnyStep, ...] = (
 )  # fmt: skip
 STEP_TABLE = {step.name: step for step in IN_ORDER}
 STEPS = tuple(STEP_TABLE)
-# {field of the request: first step that must run again after a change of this field} The step
-# `check` always runs.
+# {field of the request: first step that must run again after a change of this field}.
+# The step `check` always runs.
 AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",
@@ -715,8 +715,7 @@ class Tuning(TuningFolder):
         """Writes the request to the folder. If the request has changed, keeps the results of the
         steps that do not depend on the change. Raises InputError if the folder belongs to another
         axis."""
-        # The types of the values become those of a request from a file: 30 becomes 30.0, a list
-        # becomes a tuple.
+        # The values get the same types as those from a file. For example, 30 becomes 30.0.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, *map(self.axis.integer, AXIS_KEYS))

@@ -65,11 +65,9 @@ REFIT_CHANGE = 0.02
 # The design for an axis with dry friction uses dampings within this range around the prior.
 # The range is in standard deviations of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
-# The mass of a workpiece that does not slide is assumed to be between prior / factor and prior *
-# factor.
+# The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
-# Two responses are regarded as different if noise alone causes such a difference with a smaller
-# probability.
+# Two responses differ if the probability of the difference from noise alone is below this value.
 DIFFERENCE_PROBABILITY = 1e-4
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -115,8 +113,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     found = fitted(before)
     again = _workpiece(tuning, frictions, measured, found.best)
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
-        # With the fitted stiffness of the sensor, the values from the test with sines are more
-        # accurate.
+        # The fitted stiffness of the sensor makes the results of the sine test more accurate.
         found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))

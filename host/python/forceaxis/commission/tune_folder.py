@@ -105,8 +105,7 @@ class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
         """Replaces the three files of the step `measure`."""
         result = content.result
         BETWEEN.write(folder, result.between)
-        # If there is no new result of the test with sines, the file of an earlier measurement is
-        # deleted.
+        # Without a new result of the test with sines, the file of an earlier result is deleted.
         if result.shaken is None:
             (folder / SHAKEN.name).unlink(missing_ok=True)
         else:

@@ -197,8 +197,7 @@ def _shaken(
     sensor, workpiece = scale / slow.compliance, scale / sliding
     drive = known.SineBounds(str(tuning.model))
     # At the lowest frequency the stiffness determines the motion of the workpiece.
-    # At the highest frequency the mass determines the motion, for each mass in the range of the
-    # prior.
+    # At the highest frequency the mass determines the motion, for each mass that is possible.
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),

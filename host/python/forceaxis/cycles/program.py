@@ -20,8 +20,7 @@ from forceaxis.experiments.summary import quantity
 __all__ = ["Element", "End", "Phase", "Program"]
 
 KEY = "experiment.cycle"  # name of the override that replaces the program of an experiment
-# A value is regarded as equal to a bound, which is written in decimals, up to this relative
-# difference.
+# A value and a bound are regarded as equal up to this relative difference.
 SAME = 1e-10
 
 

@@ -276,7 +276,9 @@ class Reminders:
     master_every_h: float | None = None
     master_serial: str = ""
     calibration_due: datetime.date | None = None
-    master_pressed: datetime.datetime | None = None  # time of the last good master part
+    master_pressed: datetime.datetime | None = (
+        None  # time at which a master part was last found good
+    )
 
     def resume(self, folder: RecordFolder) -> None:
         """Reads the time of the last good master part from the records of a folder."""
@@ -452,8 +454,7 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     try:
         fault = live.start(axis, wanted)
     except BaseException:
-        # If no cycle has started, the axis would otherwise use this serial number for the next
-        # part.
+        # If no cycle has started, this serial number must not be used for the next part.
         with contextlib.suppress(Refused, NoAnswer):
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise
