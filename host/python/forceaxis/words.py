@@ -10,7 +10,7 @@ OptionValue = str | int | float | Path | None
 
 # Characters that would control a terminal.
 # The set contains the control characters of ASCII and Latin-1.
-# The set also has line and paragraph separators, and characters that change the writing direction.
+# Line and paragraph separators and characters that change the writing direction are also included.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 

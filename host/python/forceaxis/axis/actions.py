@@ -32,7 +32,7 @@ FORCE_TARGETS = {
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
 # Force limit of a move in 8-bit counts.
-# A signed 8-bit value reaches 128 counts, and this limit is a quarter of it.
+# The limit is a quarter of 128 counts, the largest magnitude of a signed 8-bit value.
 MOVE_COUNTS = 32
 
 

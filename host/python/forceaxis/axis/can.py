@@ -50,13 +50,13 @@ TEXT_INDICES = range(0x1008, 0x100B)
 # Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
 # Upper halves of the SDO abort codes of a disturbed transfer.
-# 0503h is a toggle-bit error.
-# 0504h is a time-out, a wrong command or a wrong block.
+# Abort codes that begin with 0503h mean a toggle-bit error.
+# Abort codes that begin with 0504h mean a time-out, a wrong command or a wrong block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
 # Time in ms after which the axis detects that the heartbeat of this program is missing.
-# This program sends ten heartbeats within this time.
+# This program sends ten heartbeats within HEARTBEAT_MS.
 HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
@@ -64,7 +64,7 @@ STORING = ("store_all", "store_parameters")
 RECORDER_DATA, CYCLE_CURVE_DATA, PROGRAM_DATA = (0x2120, 0), (0x243B, 6), (0x1F50, 1)
 SEGMENT_BYTES = 7  # largest number of bytes in a segment of an SDO transfer
 # Largest sizes in bytes of a name, and of a domain such as a recording (30 KiB) or a curve (12 KB).
-# If a node sends more bytes than this, the program aborts the transfer.
+# If a node sends more bytes than these limits, the program aborts the transfer.
 MOST_BYTES, MOST_DOMAIN_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
@@ -143,10 +143,10 @@ class CanLink(RecorderLink):
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
         # Name of the sub-object of 1016h that this program has written, and its earlier value.
-        # This is None while the axis does not monitor the heartbeat of this program.
+        # The value is None while the axis does not monitor the heartbeat of this program.
         self._watched: tuple[str, int] | None = None
         # Command specifier, index and sub-index of the expected SDO answer.
-        # None accepts any answer.
+        # None means that any SDO answer is accepted.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # This event is set if another node sends heartbeats with the node id of this program.
@@ -266,7 +266,7 @@ class CanLink(RecorderLink):
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
         # A node that has missed a heartbeat is no longer operational.
-        # Therefore this program starts the node.
+        # Therefore this program starts the node by an NMT command.
         with self._asking("NMT start"):
             self._network.send_message(0, bytes([NMT_START, self._id]))
         place, raw = self._entry()

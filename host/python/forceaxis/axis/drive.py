@@ -28,7 +28,7 @@ ACKNOWLEDGED = mask("statusword", "acknowledged")
 # End of the error text for an axis with a fault.
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
 # Longest time in s from the write of the controlword until the axis is disabled.
-# In this time, the axis also decelerates to standstill.
+# The time includes the deceleration of the axis to standstill.
 DISABLE_TIMEOUT_S = 2.0
 
 

@@ -85,8 +85,8 @@ class GatewayLink(Link):
         command = partial(self.client.write_raw, values)
         with self.unfed(values):
             # The gateway has set up an acquired axis.
-            # If this is no longer so, the axis has restarted.
-            # A late command must not arrive then, because it may move the axis.
+            # If an acquired axis is no longer set up, it has restarted.
+            # A late command must not reach a restarted axis, because the command may move it.
             if self._keeper:
                 command()
             else:
@@ -158,7 +158,7 @@ class GatewayLink(Link):
             )
         # If CANopen owns the axis, the gateway has already made the recorder idle.
         # If a client on another bus owns the axis, only that client can make the recorder idle.
-        # The axis then refuses this write, but the samples are valid.
+        # If the axis refuses this write, the samples are valid nevertheless.
         with contextlib.suppress(Refused):
             self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)

@@ -30,7 +30,7 @@ __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
 # Names of the clients that can own an axis.
-# The index is the raw value of the object command_source.
+# The index of a name is the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
 # Largest relative difference between `force_scale` of the axis and the scale of the sensor.
 # A larger difference causes a warning.
@@ -99,7 +99,7 @@ class Link(abc.ABC):
     warning: str | None = None
     counts_per_metre: float | None = None
     # From acquire() to release(), this thread writes the watchdog or sends the heartbeat.
-    # Otherwise None.
+    # The value is None while the axis is not acquired.
     _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:
@@ -262,7 +262,7 @@ class RecorderLink(Link):
         trigger = self.read_one("recorder_trigger_index")
         raw = self._samples(signals)
         # If another client owns the axis meanwhile, the axis refuses this write.
-        # The samples are valid.
+        # The samples of the recording are valid nevertheless.
         with contextlib.suppress(Refused):
             self.write({"recorder_arm": 0})
         return Recording(signals, raw, decimation, trigger)

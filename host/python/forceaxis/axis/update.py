@@ -18,7 +18,7 @@ from forceaxis.chip.update_file import UpdateRecord
 START, CONFIRM = 1, 128
 # Longest time in s until a restarted axis answers.
 # If the new image hangs, the watchdog resets the chip.
-# After four such starts of the new image, the axis starts the earlier image.
+# After four resets of the new image by the watchdog, the axis starts the earlier image.
 RESTART_MAX_S = 20.0
 POLL_S = 0.25
 # CONFIRM_S: time in s without an overrun after which an axis accepts a confirmation.

@@ -94,7 +94,7 @@ class CaseSpeed:
     spread: float  # median CPU time divided by the smallest CPU time, minus 1
     runs: int
     # CPU time of the tool divided by the CPU time of forceaxis, as the median over the repetitions.
-    # None if forceaxis was not measured.
+    # The value is None if forceaxis was not measured.
     times_forceaxis: float | None
 
 
@@ -151,8 +151,8 @@ class BenchResult:
 
 
 # {(case, other tool): required ratio of CPU times}. The ratios were measured on two shared cores.
-# Each is 90 % of the lowest value of three runs of `--check`.
-# For the linear analysis, it is 110 % of the highest value.
+# A required ratio is 90 % of the lowest ratio in three runs of `--check`.
+# The limit for the linear analysis is 110 % of the highest value in three runs.
 LEAST_RATIOS = {
     ("A", "odeint"): 1.77,
     ("B", "odeint"): 1.13,
@@ -350,8 +350,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         return done["wall_s"], done["cpu_s"]
 
     # {name of a sweep: (number of runs, function)}.
-    # The argument of this function is the number of threads.
-    # It returns elapsed time and CPU time in s.
+    # The function does all runs of the sweep. Its argument is the number of threads.
+    # The function returns elapsed time and CPU time of the sweep in s.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }

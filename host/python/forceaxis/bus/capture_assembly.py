@@ -10,7 +10,7 @@ from forceaxis.objects import BY_NAME
 Samples = NDArray[np.float64]
 
 # Largest accepted number of samples of a capture. Every recording of the firmware is smaller.
-# A message with a larger number is corrupted. Without this limit, it would allocate much memory.
+# A message with a larger number of samples is corrupted, and would allocate much memory.
 SAMPLES_MAX = 1_000_000
 
 

@@ -17,7 +17,7 @@ Span = tuple[float, float]  # low, high
 Line = tuple[Samples, Samples, str]  # x, y, colour
 
 # DOTS[row, column] is the bit that sets this dot of a braille character.
-# The characters begin at U+2800.
+# The braille characters begin at U+2800.
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 
 

@@ -29,7 +29,7 @@ CONNECTIONS_MAX = 32
 REQUEST_S = 3.0
 PEER_S = 60
 # Time in s between two checks of all connections. The age of a connection is a number of checks.
-# The age therefore does not grow while the process is suspended.
+# The age of a connection therefore does not grow while the process is suspended.
 LOOK_S = 0.1
 # Layout of struct tcp_info (linux/tcp.h), with only the fields that Counted contains.
 INFO = struct.Struct("=B51xI64xQ")
@@ -65,7 +65,7 @@ class Bounds:
         # {inode of a connection that was not answered yet: number of checks of this connection}
         self._looks: dict[int, int] = {}
         # `_view` is a second file descriptor of the connection that is being checked.
-        # Between two checks, it is a descriptor of /dev/null.
+        # Between two checks, `_view` is a file descriptor of /dev/null.
         self._nothing = os.open(os.devnull, os.O_RDONLY)
         self._view = os.dup(self._nothing)
 

@@ -19,7 +19,7 @@ from forceaxis.bus.topics import Topic, Topics
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 # Largest number of messages that wait for a slow client, about 40 s of one axis.
-# If more messages wait, the oldest messages are deleted.
+# If more messages wait for a client, the oldest messages are deleted.
 # A client can recognise deleted messages by the ticks of the samples and the sequence numbers.
 BACKLOG_MESSAGES = 1 << 16
 

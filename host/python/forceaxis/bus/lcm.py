@@ -60,7 +60,7 @@ _TYPES: dict[str | None, type[Message]] = {
     "TRUTH": sim_truth_t,
 }
 # {fingerprint: message type}.
-# The types of the lock-step are included, because logs may contain them.
+# The message types of the lock-step are included, because logs may contain such messages.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -188,7 +188,7 @@ class Gaps:
     number."""
 
     # Largest number of missing sequence numbers that are stored.
-    # They are needed to recognise late messages.
+    # A stored sequence number is needed to recognise a late message.
     MISSING_KEPT = 4096
 
     def __init__(self) -> None:

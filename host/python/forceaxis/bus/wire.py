@@ -37,10 +37,11 @@ class Message(Protocol):
         """Encodes the message."""
 
 
-# A Step is one step of reading a message. It has one of three forms.
-# An integer is the size in bytes of fields without a count.
-# A pair (name of the count, size of the count in bytes) is a count.
-# A pair (names of the counts, size of an element in bytes) is an array. The size is 0 for strings.
+# A Step is one step of reading a message, in one of three forms.
+# First form of a Step: an integer is the size in bytes of fields without a count.
+# Second form of a Step, for a count: (name of the count, size of the count in bytes).
+# Third form of a Step, for an array: (names of the counts, size of an element in bytes).
+# The size of an element is 0 for strings.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 

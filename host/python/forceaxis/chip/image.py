@@ -178,7 +178,7 @@ class HexRecord(NamedTuple):
 
 DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
 # Types of the records that state a start address.
-# They are ignored, because the vector table also contains this address.
+# The start address in these records is ignored, because the vector table also contains it.
 START_RECORDS = (3, 5)
 
 
@@ -246,7 +246,8 @@ def identity(image: Image) -> Identity:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
             # The identity of newer firmware may be longer, because fields were appended.
-            # The magic number may also occur in machine code. In that case no valid size follows.
+            # The magic number may also occur in machine code.
+            # Machine code has no valid size after the magic number.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:

@@ -61,11 +61,11 @@ QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise o
 # Number of realisations from which the distortion of the response is computed.
 DISTORTION_RECORDS = 3
 # ARRIVALS_MIN: smallest number of changes of the position that must agree with the bus cycle.
-# ARRIVALS_SURE: with so many changes, a multiple of the stated cycle is not accepted.
+# ARRIVALS_SURE: from this number of changes on, a multiple of the bus cycle is an error.
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # After a bound was exceeded, the amplitude is multiplied by a factor, a limited number of times.
-# The first factor and number apply to an axis without friction, the second to dry friction.
+# The values with SLIDING apply to an axis with dry friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
@@ -463,7 +463,7 @@ class Analyzer:
             "noise"
         )
         # Dry friction distorts more at a smaller amplitude, so the amplitude is not reduced.
-        # The variance of the response contains this distortion.
+        # The variance of the response contains the distortion by dry friction.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
         if is_distorted and level.amplitude > 1:
             raise Ended("distorted")
@@ -513,7 +513,8 @@ class Analyzer:
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # An axis that sticks has little noise.
-            # Its expected deviation is small although it does not slide.
+            # The expected deviation of an axis that sticks is small although the axis does not
+            # slide.
             # With dry friction, the search therefore uses the whole permitted range.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick

@@ -29,7 +29,7 @@ from forceaxis.objects import bits_in, mask
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 # Longest computing time of a tick in us that is permitted: 15 % of the tick period.
-# The computed time is 55 us, by a model of core and flash memory (docs/chip/instructions.md).
+# A model of core and flash memory gives 55 us for a tick (docs/chip/instructions.md).
 TICK_TIME_MAX_US = 100
 # Longest permitted delay of a tick in us.
 # The main loop disables the tick interrupt for at most 40 us (port/main.c).
@@ -50,7 +50,7 @@ TURN_TOLERANCE = 0.05  # relative tolerance of one turn that a person makes by h
 # DAC codes of the step "outputs". The first, small codes show whether a motor is still connected.
 CODES = (0, 50, -50, 500, 1000, 1700, 2000, -500, -1000, -1700, -2000)
 # SPEED_MAX: speed in counts/tick above which the axis has a fault during the step "outputs".
-# MOTION_MAX: motion in encoder counts that ends this step.
+# MOTION_MAX: motion in encoder counts that ends the step "outputs".
 SPEED_MAX, MOTION_MAX = 1, 3
 CODE_V = 20 / 4096  # voltage in V of one DAC code at the output of the +-10 V stage
 STAGE_MAX_V = 0.1

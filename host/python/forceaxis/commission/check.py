@@ -19,7 +19,7 @@ REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts ha
 # Without recordings: number of reads at rest, and time in s between two reads.
 READINGS, READING_PERIOD_S = 25, 0.02
 # Largest change of the encoder count at standstill.
-# The limit of the first motion test in the firmware has the same value.
+# The limit at standstill in the first motion test of the firmware has the same value.
 STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
 # Largest motion in the first motion test of the firmware, divided by `first_motion_counts`.

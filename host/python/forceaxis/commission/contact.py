@@ -240,7 +240,7 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
             same = Touching(axis, touch.order)
             try:
                 # The contact is simulated twice.
-                # The second one starts at the distance from which the axis has approached.
+                # The second contact starts at the distance from which the axis has approached.
                 for _ in range(2):
                     same.touch_down(touch.force_asked_N)
             # This exception means that the simulated force does not settle.

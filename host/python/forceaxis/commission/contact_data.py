@@ -31,13 +31,13 @@ GRID_TOLERANCE = 1e-2  # largest distance of a value from its rounding grid, in 
 GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
 # These times in s apply to a contact without a recorded command.
 # The comparison begins BEFORE_S before the first contact.
-# It ends at the first maximum of the force, at most AFTER_S after the contact.
-# Later the unknown command would change with the force.
+# The comparison ends at the first maximum of the force, at most AFTER_S after the contact.
+# After this maximum, the unknown command would change with the force.
 # The simulation begins RUN_UP_S before the comparison.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
 # Two contacts are simulated separately if there is no contact for at least OPEN_S between them.
-# In this time the workpiece comes to rest.
-# Each simulation begins at least AHEAD_S before its contact.
+# In a pause of OPEN_S, the workpiece comes to rest.
+# The simulation of a contact begins at least AHEAD_S before the contact.
 OPEN_S, AHEAD_S = 0.5, 0.1
 SPEED_SHARE = 0.3  # assumed relative standard deviation of an unknown speed or command
 # an axis above this speed, in encoder steps per tick, is assumed to move at the start

@@ -28,8 +28,8 @@ from forceaxis.design import model_file
 from forceaxis.linear import working
 
 # The closed backlash has PLAY_STIFFNESS times the stiffness of the contact.
-# PLAY_DAMPING is its relative damping.
-# Both values are so large that their exact size has no effect.
+# PLAY_DAMPING is the relative damping of the closed backlash.
+# Stiffness and damping of the backlash are so large that their exact size has no effect.
 PLAY_STIFFNESS, PLAY_DAMPING = 50.0, 0.5
 
 Document = tomlkit.TOMLDocument

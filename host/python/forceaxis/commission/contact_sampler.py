@@ -26,7 +26,7 @@ CHAINS = 4
 T_DEGREES = 6.0  # degrees of freedom of Student's t distribution for new walkers
 BLOCK = 20  # number of steps of a block; the convergence is computed after each block
 # Number of blocks at the beginning that are discarded.
-# After each of them, the distribution is fitted to the walkers.
+# After each discarded block, the distribution is fitted to the walkers.
 TUNING_BLOCKS = 2
 BLOCKS_MAX = 30
 R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0

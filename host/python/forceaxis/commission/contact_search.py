@@ -12,7 +12,7 @@ STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3  # steps of numerical derivatives
 STARTS = 6  # number of start points that are drawn from the prior, in addition to its centre
 START_SHARE = 0.7  # standard deviation of the random start points, divided by that of the prior
 # STRETCHES_S: times in s after the onset that are fitted one after another.
-# ITERATIONS: largest number of iterations for each of these times.
+# ITERATIONS: largest number of iterations for each time of STRETCHES_S.
 # LAST_ITERATIONS: largest number of iterations for the complete touch-downs.
 STRETCHES_S, ITERATIONS, LAST_ITERATIONS = (0.012, 0.03, 0.08), 8, 30
 TOLERANCE = 1e-4  # a search ends if the cost decreases by less than this value

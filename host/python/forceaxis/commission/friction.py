@@ -49,7 +49,7 @@ NOISE_SLIDES = 2.5
 
 # The following constants belong to record_slow_change(), which changes the force slowly.
 # LEG_S and LEG_SAMPLES: duration in s and number of samples while the force rises.
-# The same values apply while the force falls.
+# LEG_S and LEG_SAMPLES also apply while the force falls.
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
@@ -59,24 +59,24 @@ FORCE_ERROR_MIN = 0.06
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
 # Largest compliance between two forces, divided by the compliance at these two forces.
-# Above this ratio, the workpiece is regarded as soft between the forces.
+# Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
 # Friction is accepted if it reduces the error of the predicted position by this fraction.
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
 # Half of the force range divided by the friction under the workpiece.
-# Above this ratio, the workpiece slides.
+# Above this ratio of forces, the workpiece slides.
 SLIDE_FACTOR = 1.2
 
 # The following constants belong to directions(), which finds the friction of guide and gear.
 # Slope of the force in a block of samples, divided by the mean slope.
-# If this ratio is larger, the block belongs to a motion.
+# If the ratio of the slopes is larger, the block of samples belongs to a motion.
 SLOPE_MIN_SHARE = 0.3
 # Smallest number of blocks of a motion, and waiting time in s at the end of a motion.
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
 # A dead zone is regarded as friction only if it exceeds three bounds.
-# These bounds are multiples of its standard error, of one DAC code, and of the codes for the speed.
+# The bounds are multiples of its standard error, of one DAC code, and of the codes for the speed.
 FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 

@@ -50,7 +50,7 @@ MOVED_MAX, SHARE_MIN = 3, 0.02
 LEAST_SHARE = 1e-6
 STEP_LOG = 1e-4
 # The window "hann" increases the variance of a sum over frequencies by this factor.
-# The window causes the correlations 2/3 and 1/6 between their errors: 1 + 2 (2/3 + 1/6) = 8/3.
+# The window correlates the errors of neighbours by 2/3 and 1/6: 1 + 2 (2/3 + 1/6) = 8/3.
 HANN_FACTOR = 8 / 3
 
 

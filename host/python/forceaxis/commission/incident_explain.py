@@ -34,14 +34,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # A cause is called possible if its rank is lower than the best rank by less than this value.
-# This difference is a factor of 150 in the probability (Kass and Raftery, J.
-# Am.
-# Stat.
-# Assoc.
-# 90, 1995).
+# A difference of 10 in rank is a factor of 150 in the probability (Kass and Raftery 1995).
 POSSIBLE_BELOW = 10.0
 # A cause is fitted once more if its rank is lower than the best rank by less than this value.
-# The second fit uses the derivatives for the plant with this cause.
+# The second fit of a cause uses the derivatives for the plant with this cause.
 AGAIN_BELOW = 50.0
 SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}

@@ -30,7 +30,7 @@ from forceaxis.linear.plant_facts import Overrides
 # Standard deviation in m of the position of an axis that is homed as in its model.
 PLACE_KNOWN_M = 2e-5
 # A contact changes the force by more than TOUCH_DEVIATIONS standard deviations of the free force.
-# It also changes the force by more than TOUCH_STEPS steps of the converter.
+# A contact also changes the force by more than TOUCH_STEPS steps of the converter.
 TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
 # a recorded second must begin with at least this number of ticks without contact
 FREE_TICKS_MIN = 10

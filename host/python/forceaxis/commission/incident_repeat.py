@@ -23,12 +23,12 @@ from forceaxis.results import JsonObject
 
 MODEL, EXPERIMENT = "model.toml", "experiment.toml"
 LONGER = 1.5  # duration of the experiment divided by the recorded time before the fault
-# (time in s, controlword) for the commands that enable the axis.
-# The next value is the controlword that starts a move in profile position mode.
+# ENABLE_S: pairs (time in s, controlword) of the commands that enable the axis.
+# START_S: time in s and controlword of the command that starts a move in profile position mode.
 ENABLE_S = ((0.0, 6), (0.002, 7), (0.004, 15))
 START_S = (0.006, 31)
 # Mass and damping of the scale (tape) of an encoder that slips.
-# With these values, the scale moves within a tick.
+# With this mass and damping, the scale of the encoder moves within a tick.
 SCALE_KG, SCALE_N_S_PER_M = 1e-3, 10.0
 
 

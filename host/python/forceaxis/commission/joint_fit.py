@@ -42,13 +42,13 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# A fit is rejected if a parameter is farther than PRIOR_DISTANCE_MAX from its prior.
-# The search is limited to the distance SEARCH_RANGE. Both are in standard deviations.
+# A fit is rejected beyond PRIOR_DISTANCE_MAX from the prior, in standard deviations.
+# The search is limited to the distance SEARCH_RANGE from the prior, in standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # GRID_POINTS: number of start values of each nearly unknown parameter.
 # ANTIRESONANCES: number of start frequencies of the antiresonance.
-# SEARCHES_MAX: number of best points of this grid from which a search begins.
+# SEARCHES_MAX: number of best points of the grid from which a search begins.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
 # Largest difference of logarithms at which a frequency is near that of the limiting mode.
@@ -57,7 +57,7 @@ STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivati
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
 # These values are differences of the logarithm of a parameter between two forces.
-# LEVEL_DISTANCE_MAX_LOG: largest difference that one plant can explain.
+# LEVEL_DISTANCE_MAX_LOG: largest difference between two forces that one plant can explain.
 # LEVEL_CHANGE_LOG: a smaller difference is not regarded as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
@@ -198,7 +198,7 @@ class Responses:
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
         # Stored predictions.
-        # The key contains the response and the values of the parameters on which it depends.
+        # The key of a prediction contains the response and the values of its parameters.
         self.known: dict[Hashable, Response] = {}
         self.acting: dict[Hashable, NDArray[np.bool_]] = {}
         self.variance = [

@@ -19,20 +19,20 @@ from forceaxis.linear.posterior import Posterior
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
 # Smallest standard deviation of a prior that was read from a posterior.
-# It exists because a machine changes a little from day to day.
+# The limit exists because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
 # Time step in s of a step response, and its number of time steps.
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
 STEADY_HZ = 0.02  # at this low frequency in Hz, the axis moves with its steady speed
 # Largest DAC code of noise, divided by the largest step at which the drive stays linear.
-# The factor is above 1 because the noise rarely reaches its peak.
+# This factor of the noise is above 1 because the noise rarely reaches its peak.
 NOISE_PEAK_FACTOR = 2
 # The excitation by noise may use this fraction of the limit of the drive.
 # A step from one noise value to the next is up to twice the amplitude.
 LINEAR_SHARE = 0.7
 # Smallest compliance behind the contact, divided by the compliance of the contact.
-# Below this ratio, a workpiece that always sticks cannot be detected.
+# Below this ratio of compliances, a workpiece that always sticks cannot be detected.
 SUPPORT_COMPLIANCE_SHARE = 0.3
 
 

@@ -29,7 +29,7 @@ class MeasuringOrder:
     force_max_N: float = math.inf
     travel: int = 500  # : largest distance from the start position, in encoder counts
     #: Amplitude of the excitation in DAC codes.
-    #: If it is 0, the Analyzer searches the amplitude, beginning at `first`.
+    #: If the amplitude is 0, the Analyzer searches it, beginning at `first`.
     amplitude: int = 0
     first: int = 1
     most: int = MOST_CODES  # : largest amplitude in DAC codes that the search tries
@@ -84,7 +84,7 @@ class Level:
     #: peak-to-peak range of the output, in N in contact, in encoder counts out of contact
     swing: float = 0.0
     #: Rms rate of change of the output that the excitation alone causes.
-    #: The unit is N/s in contact and encoder counts/s out of contact.
+    #: The unit of the rate is N/s in contact and encoder counts/s out of contact.
     speed_rms: float = 0.0
     #: difference between the first realisations, divided by their noise
     distorted: float = 1.0

@@ -67,11 +67,11 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.integer("latency_ticks")
     # With dry friction, the axis sticks at some amplitudes and slides at others.
-    # The predicted Ms is the larger Ms of the two states.
+    # The predicted Ms is the larger one of the values for a sticking and a sliding axis.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
     # |S| is averaged over neighbouring frequencies within a few per cent.
-    # Without averaging, the maximum of many noisy values would be too large.
+    # Without averaging, the maximum of many noisy values of |S| would be too large.
     near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
     near /= near.sum(1, keepdims=True)
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))

@@ -25,7 +25,7 @@ SIGNALS = ("force_raw", "position", "dac_code")
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # SLIDES: sufficient displacement of the workpiece.
 # SLIDES_MIN: smallest displacement that is accepted.
-# Both are multiples of the displacement at which the spring overcomes the friction.
+# The unit of both displacements is the one at which the spring overcomes the friction.
 SLIDES, SLIDES_MIN = 3.0, 1.25
 # Largest number of amplitudes at one frequency, and ratio of two successive amplitudes.
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6

@@ -89,7 +89,7 @@ SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # Integral rates among which the force law for the measurement is chosen.
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # Lowest crossover frequency of a loop in the set of plants.
-# With this value, a force settles within seconds.
+# With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
 # if |S| is certain at no frequency, the number of averages is multiplied by this factor
@@ -100,7 +100,7 @@ RESPONSE_BAND_FACTOR = 1.3
 VERIFIED_BAND_FACTOR = 3.0
 BAND_MAX_HZ = 400.0
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
-# It is also at least CONTACT_COUNTS_MIN force counts.
+# The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # Permitted peak force in N that the momentum of the axis alone causes at a first contact.
 IMPACT_PEAK_N = 10.0

@@ -46,12 +46,14 @@ from forceaxis.words import plain
 Frictions = tuple[friction_models.FrictionElement, ...]
 
 # Prior standard deviation of the logarithm of the damping that replaces friction.
-# The first value is for an axis that slides, the second for an axis that sometimes sticks.
+# SLIDING_SPREAD: for an axis that slides.
+# STICKING_SPREAD: for an axis that sometimes sticks.
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
 # Damping in N s/m that replaces the friction of a workpiece that does not slide.
 STUCK_DAMPING = 1e6
 # Relative error of a response that is fitted with a damper in place of friction.
-# The first value is for an axis that slides, the second for an axis that sometimes sticks.
+# SLIDING_ERROR: for an axis that slides.
+# STICKING_ERROR: for an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
@@ -63,7 +65,7 @@ SINE_ERROR_MIN = 0.04  # smallest relative error of stiffness and mass from the 
 # the fit is repeated if the values from the test with sines change by more than this fraction
 REFIT_CHANGE = 0.02
 # The design for an axis with dry friction uses dampings within this range around the prior.
-# The range is in standard deviations of the prior, to both sides.
+# The range of the dampings is in standard deviations of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
 # The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
@@ -230,8 +232,8 @@ def _dampers(
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     response: ResponseFigures = free if name == "free" else measured.levels[name]
     speed_m_per_s = response.speed_rms / scale
-    # speed_rms is the rms rate of change of the force in this case.
-    # The compliances are in counts/N.
+    # In contact, speed_rms is the rms rate of change of the force.
+    # The compliances of `between` are in counts/N.
     if name != "free":
         speed_m_per_s *= measured.between.compliance + measured.between.sliding
     on_table = _under_workpiece(tuning, frictions)

@@ -79,7 +79,7 @@ POLL_S = 0.5  # time in s between two checks of the folder
 # if the last change of the folder is older than this time in ns, the folder is not read again
 SETTLED_NS = 1_000_000_000
 # Limits of the data that clients send: bytes of a chunk, bytes of a message, and waiting messages.
-# Requests are short, so the limits are small.
+# The requests of clients are short, so the limits are small.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
 # size of a message header, and offset of the message size in it (OPC 10000-6, 7.1.2.2)
 HEADER_BYTES, SIZE_AT = 8, 4

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 GOOD, BAD, ABORTED = "good", "bad", "aborted"
 BY_PROGRAM = "by_program"
 # Verdicts of an evaluation element that has found a value.
-# Only these verdicts depend on the bounds.
+# Only the verdicts on a value depend on the bounds.
 MEASURED = ("good", "below", "above")
 
 

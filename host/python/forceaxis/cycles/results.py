@@ -40,7 +40,7 @@ READ_TRIES = 20
 POLL_S = 0.2  # time in s between two reads of the number of waiting results
 RECONNECT_S = 1.0
 # If the CRC of the parameters is older than this time in s, it is computed again for the next part.
-# It is not computed for each part, because some hundred objects must be read for it.
+# The CRC is not computed for each part, because some hundred objects must be read for it.
 CRC_KEPT_S = 60.0
 
 
@@ -97,7 +97,7 @@ class Circumstances:
 
 
 # Parameters from which the CRC of a record is computed. Every connection can read these.
-# Some other parameters are not included, because a connection changes them for its own use.
+# Parameters that a connection changes for its own use are not included.
 COUNTED = tuple(
     o.name
     # sorted by Modbus register, because one request reads adjacent registers
