@@ -1,4 +1,4 @@
-"""A session with an axis (forceaxis.axis.session) under the name that scripts import."""
+"""The class Session of forceaxis.axis.session, under the module name that scripts import."""
 
 from forceaxis.axis.axis import MODES, trigger_on
 from forceaxis.axis.session import Session, seconds

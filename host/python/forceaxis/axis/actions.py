@@ -30,7 +30,8 @@ RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
-RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
+# time in s that a retract may take in addition to the computed time of its motion
+RETRACT_EXTRA_S = 10.0
 # Force limit of a move in 8-bit counts.
 # The limit is a quarter of 128 counts, the largest magnitude of a signed 8-bit value.
 MOVE_COUNTS = 32
@@ -371,8 +372,8 @@ def press(
 
 
 def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> float:
-    """Returns the force limit of a press in 8-bit counts, which is larger than the force of the
-    press. Raises InputError."""
+    """Returns the force limit of a press in 8-bit counts. Raises InputError if this limit is not
+    larger than the force of the press."""
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.number("force_max")
     for limit, by, remedy in (

@@ -47,16 +47,16 @@ class Axis(Drive):
 
     @classmethod
     def on(cls, address: str, model: str | Path | None = None) -> Axis:
-        """Returns the axis at an address, for example "can0:5",
-        "tcp://192.168.1.5/3", "serial:/dev/ttyUSB0:3", "lcm:2", "sim:contact". `model`: as in
-        can(). Raises InputError, NoAnswer."""
+        """Returns the axis at an address. Examples of an address are "can0:5",
+        "tcp://192.168.1.5/3", "serial:/dev/ttyUSB0:3", "lcm:2" and "sim:contact". `model`: see
+        Axis.can(). Raises InputError, NoAnswer."""
         return cls(_with_model(addresses.parse(address).link(), model))
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
-        """Returns the simulated axis of an experiment, which runs in simulated time. Raises
-        InputError. Warns if `force_scale` of the axis differs from the scale of the force sensor in
-        the model."""
+        """Returns a simulated axis. An experiment describes the axis, which runs in simulated time.
+        Raises InputError. Prints a warning if `force_scale` of the axis differs from the scale of
+        the force sensor in the model."""
         from forceaxis.axis.sim import SimLink
 
         link = SimLink(experiment, overrides, store)
@@ -66,8 +66,9 @@ class Axis(Drive):
 
     @classmethod
     def can(cls, interface: str = "can0", node: int = 1, model: str | Path | None = None) -> Axis:
-        """Returns the axis of a node on a CAN interface. `model`: a model file whose encoder gives
-        the size of a count in mm. Raises InputError, NoAnswer."""
+        """Returns the axis with a node id on a CAN interface. `model`: path of a model of the axis,
+        or None. The encoder in the model defines the size of an encoder count in mm. Raises
+        InputError, NoAnswer."""
         from forceaxis.axis.can import CanLink
 
         return cls(_with_model(CanLink(interface, node), model))
@@ -76,16 +77,16 @@ class Axis(Drive):
     def gateway(
         cls, axis: int = 1, url: str | None = None, model: str | Path | None = None
     ) -> Axis:
-        """Returns an axis at the gateway of an LCM bus. `url`: URL of the bus, or None for the
-        default of LCM. `model`: as in can(). Raises InputError."""
+        """Returns an axis at the gateway of an LCM bus. `url`: URL of the LCM bus, or None for the
+        default URL of LCM. `model`: see Axis.can(). Raises InputError."""
         from forceaxis.axis.gateway import GatewayLink
 
         return cls(_with_model(GatewayLink(axis, url), model))
 
     @classmethod
     def modbus(cls, url: str, unit: int = 1, model: str | Path | None = None) -> Axis:
-        """Returns the axis of a Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". `model`:
-        as in can(). Raises InputError, NoAnswer."""
+        """Returns the axis with a Modbus unit number at `url`, which is "tcp://HOST[:PORT]" or
+        "/dev/ttyX[:BAUD]". `model`: see Axis.can(). Raises InputError, NoAnswer."""
         from forceaxis.axis.modbus import ModbusLink
 
         return cls(_with_model(ModbusLink(url, unit), model))
@@ -193,7 +194,8 @@ class Axis(Drive):
         return actions.retract(self, distance, speed)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> None:
-        """Starts a recording of signals with the arguments of capture()."""
+        """Starts a recording of signals and does not wait for its end. The arguments are those of
+        capture()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:

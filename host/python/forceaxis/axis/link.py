@@ -65,7 +65,7 @@ class Recording:
     #: Values of unsigned objects are >= 0.
     raw: RawSamples = field(repr=False)
     decimation: int = 1
-    trigger_sample: int = 0  # index of the first sample at or after the trigger
+    trigger_sample: int = 0  # index of the sample at the trigger, or of the first sample after it
 
     def values(self, name: str) -> NDArray[np.int64 | np.float64]:
         """Returns one signal of the recording in engineering units, with one value for each sample.
@@ -75,7 +75,7 @@ class Recording:
         return column if known.scale == 1 else column.astype(float) * known.scale
 
     def floats(self, name: str) -> NDArray[np.float64]:
-        """Returns the array of values() as floating-point numbers."""
+        """Returns one signal in the same way as values(), but always as floating-point numbers."""
         return self.values(name).astype(float)
 
     @property

@@ -145,8 +145,7 @@ class Signature:
 
 
 def signature(known: AxisObject) -> Signature:
-    """Returns type, scale, unit, range and texts of an object in the object table of this program,
-    as a Signature."""
+    """Returns the Signature of an object, as the object table of this program defines it."""
     names = list(texts(known)) or None
     return Signature(known.type, known.scale, known.unit, known.min, known.max, names)
 
@@ -210,7 +209,7 @@ def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id
 
 @dataclass(frozen=True)
 class Header:
-    """The tables [about] and [objects] of a parameter file that is read."""
+    """The content of the tables [about] and [objects] of a parameter file."""
 
     #: Hash of the object table, as 0x and 8 digits, or "" if it is not in the parameter file.
     object_table: str
@@ -222,8 +221,8 @@ class Header:
 
 
 def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
-    """Removes the header from the tables of a parameter file and returns the header. Raises
-    InputError."""
+    """Removes the tables [about] and [objects] from the tables of a parameter file, and returns
+    their content. Raises InputError."""
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
         raise InputError(

@@ -33,8 +33,8 @@ STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to eras
 
 @dataclass(frozen=True)
 class BankState:
-    """The selected filter bank, the state of this filter bank, and the state of its certificate. A
-    field is None if no filter bank is selected, or if the connection cannot access the state."""
+    """The selected filter bank of an axis, its state, and the state of its certificate. A field is
+    None if no filter bank is selected, or if the connection cannot access the object."""
 
     force_bank: int | None = json_field(omit_none=True)
     bank_state: str | None = json_field(omit_none=True)

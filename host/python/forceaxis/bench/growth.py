@@ -65,7 +65,7 @@ class GrowthPlan:
 class GrowthPoint:
     """CPU time and memory of one tool for one size of a task."""
 
-    growth: str  # "states", "events" or "runs"
+    growth: str  # quantity that grows: "states", "events" or "runs"
     tool: str
     # number of states, number of switching events that forceaxis counts, or number of runs
     size: int
@@ -83,7 +83,7 @@ class Growth:
 
     points: list[GrowthPoint]
     missing: dict[str, str]  # {tool: reason why the tool was not measured}
-    load: float  # average load of the computer in the last minute
+    load: float  # load average of the computer over the last minute
 
     def of(self, growth: str, tool: str) -> list[GrowthPoint]:
         """Returns the measured points of one tool in their order. `growth`: "states", "events" or

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from forceaxis.bus.capture_assembly import Samples
 
-Span = tuple[float, float]  # low, high
-Line = tuple[Samples, Samples, str]  # x, y, colour
+Span = tuple[float, float]  # ends of a range of values: (low, high)
+Line = tuple[Samples, Samples, str]  # a curve: (x values, y values, colour)
 
 # DOTS[row, column] is the bit that sets this dot of a braille character.
 # The braille characters begin at U+2800.
@@ -76,8 +76,8 @@ def _pixels(
 
 
 def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
-    """Returns (low, high), two round numbers whose range includes all finite values of the arrays.
-    The range is at least `least`."""
+    """Returns two round numbers (low, high). All finite values of the arrays are between them, and
+    their difference is at least `least`."""
     values = [a[np.isfinite(a)] for a in arrays]
     values = [v for v in values if v.size]
     low = min((float(v.min()) for v in values), default=0.0)

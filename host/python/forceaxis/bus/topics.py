@@ -105,7 +105,8 @@ def raw_topic(channel: str, data: bytes) -> Topic:
 
 
 def lcm_text(carried: type[Message]) -> str:
-    """Returns a message type in the language of LCM. Units are in the names of the fields."""
+    """Returns the definition of a message type in the type language of LCM. The names of its fields
+    contain the units."""
     lines = []
     for name, kind, size in zip(
         carried.__slots__, carried.__typenames__, carried.__dimensions__, strict=True
@@ -244,7 +245,8 @@ class Topics:
             yield TopicMessage(self._row_topic(channel, message, row), time_ns, _json(row))
 
     def _row_topic(self, channel: str, message: Message, row: Mapping[str, object]) -> Topic:
-        """Returns the JSON topic of a message. A message with a new field gets a new topic."""
+        """Returns the JSON topic of a message. If the message has a field that earlier messages of
+        the channel did not have, a new topic is made."""
         units, topic = self._rows.get(channel, ({}, None))
         if topic is None or not row.keys() <= units.keys():
             texts = {name for name, value in row.items() if isinstance(value, str)}

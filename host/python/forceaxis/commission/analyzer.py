@@ -51,7 +51,7 @@ SWING = MeasuringOrder.swing
 FORCE_MIN_SHARE = 0.5
 # Distance of the force bounds from the expected force, divided by the bias force.
 FORCE_MARGIN_SHARE = 0.1
-RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
+RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
@@ -69,7 +69,7 @@ AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude i
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
-FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the settling time in contact
+FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling time in contact
 # Settling time while the amplitude is searched, divided by the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
 # Averaging may end when the median of the relative error over the frequencies is below this value.
@@ -217,7 +217,9 @@ class Analyzer:
         self._before: dict[str, Value] = {}
         self.objects = axis.record(AnalyzedObjects)
         self.newton = self.objects.force_scale * 1e-6  # force in N of one force count
-        self.count_per_code = 2.0 ** (8 - self.objects.adc_bits)  # force counts per ADC code
+        self.count_per_code = 2.0 ** (
+            8 - self.objects.adc_bits
+        )  # number of force counts per ADC code
         self.home = self.objects.position
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)
@@ -286,7 +288,7 @@ class Analyzer:
         """
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
-        # total backlash in encoder counts
+        # backlash is the total backlash of the model in encoder counts
         backlash = known.play_counts(self.model, self.overrides) if self.model else 0
         if np.ptp(place) > STANDSTILL_CNT + backlash:
             moved = f"{np.ptp(place)} encoder counts"
@@ -513,8 +515,7 @@ class Analyzer:
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # An axis that sticks has little noise.
-            # The expected deviation of an axis that sticks is small although the axis does not
-            # slide.
+            # The expected deviation of an axis that sticks is small, so it does not show sliding.
             # With dry friction, the search therefore uses the whole permitted range.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
@@ -547,8 +548,8 @@ class Analyzer:
         return held.floats("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
-        """Approaches in mode 4 and presses until the measured force has settled at `force_N`.
-        Returns the settled force in N."""
+        """Approaches the workpiece in mode 4, and presses until the measured force has settled at
+        `force_N`. Returns the settled force in N."""
         axis = self.axis
         if math.isfinite(self.order.force_max_N):
             bound, own = self.order.force_max_N / self.newton, self.objects.force_max

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from forceaxis.results import Convertible
 
 T = TypeVar("T", bound="Convertible")
-RawValues = dict[str, int]  # {object: raw value}
+RawValues = dict[str, int]  # {name of the object: its raw value}
 Say = Callable[[str], None]  # function that shows one text line about an action on the axis
 
 # Raw value of the object `command_source` while the axis has no owner.

@@ -123,7 +123,7 @@ CHANNELS = {"force": ("force_raw", "PA6", "PA7"), "current": ("current_raw", "PA
 
 
 class Operator(Protocol):
-    """The person at the board."""
+    """The person at the board, who does actions and reports numbers."""
 
     def act(self, text: str) -> bool:
         """Asks for an action and waits for its end. Returns False if the person wants to skip the
@@ -256,7 +256,7 @@ def check_identity(bench: Bench) -> BringupStep:
 
 
 def check_reset(bench: Bench) -> BringupStep:
-    """Reads what reset the processor last."""
+    """Reads the cause of the last reset of the processor."""
     cause = bench.axis.integer("reset_cause")
     text = f"the last reset was by: {causes_of(cause)}"
     explained = cause & mask("reset_cause", "pin", "power") or cause == 0
@@ -266,7 +266,7 @@ def check_reset(bench: Bench) -> BringupStep:
 
 
 def check_board(bench: Bench) -> BringupStep:
-    """Reads the errors that the board has found in itself."""
+    """Reads the errors that the self-test of the board has found."""
     state = bench.board_state()
     found = errors_of(state, BOARD_ERRORS | bench.facts.errors)
     if state & NOT_COMPARED:
@@ -512,7 +512,7 @@ def check_can_off(bench: Bench) -> BringupStep:
 
 
 def check_watchdog(bench: Bench) -> BringupStep:
-    """Stops the core, so that the watchdog resets the processor."""
+    """Lets the processor core stop, and checks that the watchdog resets the processor."""
     bench.act(
         "Run in another terminal, with the motor disconnected: openocd -f "
         f"{bench.facts.openocd_config} -c init -c 'mww 0xE0042008 0' -c halt -c shutdown. "
@@ -570,7 +570,7 @@ STEPS: dict[str, Callable[[Bench], BringupStep]] = {
 
 
 def step_of(bench: Bench, name: str) -> BringupStep:
-    """Does one step. A step that the axis refuses has failed."""
+    """Does one step of the bring-up. If the axis refuses an access, the step has failed."""
     try:
         found = STEPS[name](bench)
     except Skipped:

@@ -28,7 +28,7 @@ LONG_STRETCH = 20  # smallest number of samples of a long stretch with almost co
 HELD_SAMPLES = 100  # largest number of samples that are used of a constant force
 PERIODS = 4  # longest period, in samples, with which rounding errors are assumed to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a value from its rounding grid, in steps of the grid
-GRID_ERROR = 1e-7  # largest error of a value in a file, relative to the range of all values
+GRID_ERROR = 1e-7  # largest rounding error of a value in a file, divided by the range of all values
 # These times in s apply to a contact without a recorded command.
 # The comparison begins BEFORE_S before the first contact.
 # The comparison ends at the first maximum of the force, at most AFTER_S after the contact.

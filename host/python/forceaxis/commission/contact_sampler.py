@@ -30,7 +30,7 @@ BLOCK = 20  # number of steps of a block; the convergence is computed after each
 TUNING_BLOCKS = 2
 BLOCKS_MAX = 30
 R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0
-KEPT_MAX = 4000  # largest number of samples in a result
+KEPT_MAX = 4000  # largest number of samples of the posterior in a result
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
 
-STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3  # steps of numerical derivatives
+# steps for numerical derivatives, of the logarithm of a parameter and of an unknown
+STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3
 STARTS = 6  # number of start points that are drawn from the prior, in addition to its centre
 START_SHARE = 0.7  # standard deviation of the random start points, divided by that of the prior
 # STRETCHES_S: times in s after the onset that are fitted one after another.

@@ -89,7 +89,7 @@ class Glide:
     dead_zone: float
     difference: float
     rate: float
-    codes: int  #: largest DAC code that was output
+    codes: int  # : largest DAC code of the motions
 
     @property
     def rubs(self) -> bool:

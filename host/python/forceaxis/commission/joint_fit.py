@@ -45,7 +45,7 @@ Response = NDArray[np.complex128]
 # A fit is rejected beyond PRIOR_DISTANCE_MAX from the prior, in standard deviations.
 # The search is limited to the distance SEARCH_RANGE from the prior, in standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
-MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
+MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
 # GRID_POINTS: number of start values of each nearly unknown parameter.
 # ANTIRESONANCES: number of start frequencies of the antiresonance.
 # SEARCHES_MAX: number of best points of the grid from which a search begins.
@@ -143,7 +143,7 @@ class JointFit:
 
     @property
     def over(self) -> tuple[str, ...]:
-        """Returns the ranges of `plants` as texts NAME=LOW..HIGH."""
+        """Returns the ranges of the parameters in `plants` as texts NAME=LOW..HIGH."""
         ranges = self.plants.ranges if self.plants else {}
         return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 

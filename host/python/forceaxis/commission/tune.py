@@ -91,7 +91,7 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # Lowest crossover frequency of a loop in the set of plants.
 # With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
-MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over the predicted Ms
+MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
 # if |S| is certain at no frequency, the number of averages is multiplied by this factor
 AVERAGES_FACTOR = 4
 # Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
@@ -150,7 +150,7 @@ def check(tuning: TuningFolder) -> Checked:
 
 
 def check_line(tuning: TuningFolder, done: Checked) -> str:
-    """Returns the text that reports the result of `check`."""
+    """Returns the text about the result of the step `check`."""
     rest, law = done.rest, done.law.bank
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     text = (
@@ -347,7 +347,7 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
 
 
 def design_line(tuning: TuningFolder, done: Designed) -> str:
-    """Returns the text that reports the result of `design`."""
+    """Returns the text about the result of the step `design`."""
     line = f"{done.chosen}, fS {done.worst.fS_Hz:.3g} Hz, Ms {done.worst.Ms:.3g}"
     times = done.times_p
     return line + ("" if times is None else f", {times:.3g} times P's bandwidth")
@@ -407,7 +407,7 @@ def simulate(
 
 
 def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
-    """Returns the text that reports the result of `simulate`."""
+    """Returns the text about the result of the step `simulate`."""
     kinds = [row.kind for row in done.contacts]
     errors = ", ".join(
         f"{row.static_error_percent:.2g} %" for row in done.contacts if row.kind == "contact"
@@ -446,7 +446,7 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
 
 
 def write_line(tuning: TuningFolder, done: Written) -> str:
-    """Returns the text that reports the result of `write`."""
+    """Returns the text about the result of the step `write`."""
     return f"{done.objects} objects, certificate {done.certificate_state}"
 
 
@@ -535,7 +535,7 @@ def _verified(
 
 
 def verify_line(tuning: TuningFolder, done: Verified) -> str:
-    """Returns the text that reports the result of `verify`."""
+    """Returns the text about the result of the step `verify`."""
     pairs = zip(tuning.order.forces, done.levels.values(), strict=True)
     return "; ".join(
         f"{force:g} N Ms {level.Ms:.3g}, predicted {level.Ms_predicted:.3g}"
@@ -561,7 +561,7 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
 
 
 def store_line(tuning: TuningFolder, done: Stored) -> str:
-    """Returns the text that reports the result of `store`."""
+    """Returns the text about the result of the step `store`."""
     return "parameters and certificate are stored" if done.stored else f"not stored: {done.why}"
 
 
@@ -659,7 +659,8 @@ AXIS_KEYS = ("object_table_hash", "serial_number")
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
-    """Returns {field: old and new value as text} for all changed fields except `model`."""
+    """Compares two requests. Returns {field: text with the old and the new value} for all changed
+    fields except `model`."""
     changes = {}
     for (name, old), new in zip(vars(before).items(), vars(after).values(), strict=True):
         if name != "model" and old != new:

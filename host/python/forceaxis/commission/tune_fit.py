@@ -139,8 +139,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
-    """Returns the text about the result of `fit`. It states the parameters that vary in the
-    design."""
+    """Returns the text about the result of the step `fit`. It states the parameters that vary in
+    the design."""
     named = plant_set.ranges_of(done.model, tuning.order.over)
     rows = done.parameters
     text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
@@ -251,7 +251,7 @@ def _dampers(
 
 
 def _error(name: str, frictions: Frictions) -> float:
-    """Returns the relative error of a response that no parameter can explain."""
+    """Returns the relative error of a response, which no change of the parameters can remove."""
     sticks = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 

@@ -37,7 +37,8 @@ from forceaxis.linear.plant_set import PlantSet
 
 A = TypeVar("A", bound=Analyzer)
 
-AVERAGES_MIN = 5  # smallest number of averages for a response with a small error
+# smallest number of averages with which the measurement of a response may end early
+AVERAGES_MIN = 5
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
 # An axis that has coasted farther than this many times the permitted travel is not moved back.
@@ -63,7 +64,7 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
 
 
 def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
-    """Returns the text that reports the result of `free`."""
+    """Returns the text about the result of the step `free`."""
     line = line_of("codes to the encoder", done)
     if done.glide.rubs:
         line += (
@@ -132,7 +133,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
 
 
 def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
-    """Returns the text that reports the result of `measure`."""
+    """Returns the text about the result of the step `measure`."""
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 
 

@@ -20,10 +20,10 @@ from forceaxis.linear.bank import BankKeys
 from forceaxis.linear.precise import Figures
 from forceaxis.results import json_field
 
-Setting = int | float | str  # engineering value of an object, or the name of an enumeration value
-Settings = dict[str, Setting]  # {object: Setting}
+Setting = int | float | str  # engineering value of an object, or text of an enumeration
+Settings = dict[str, Setting]  # {name of the object: its value}
 Values = dict[str, float]  # {parameter of the model: value in SI units}
-Range = tuple[float, float]  # low, high
+Range = tuple[float, float]  # ends of a range: (low, high)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class ElementStatistics:
     unit: str
     least: float | None
     most: float | None
-    n: int  # number of values
+    n: int  # number of parts in which the element has a value
     not_found: int  # number of parts in which the element has no value
     good: Share  # proportion of the parts whose value is within the bounds of the element
     mean: float | None
@@ -74,7 +74,7 @@ class PartStatistics:
     computed only from parts that were pressed with the same program as the last part."""
 
     source: str
-    title: str  # title of the program
+    title: str  # title of the program of the last part
     program_crc: str
     parts: int
     good: int

@@ -52,7 +52,7 @@ class LoadedProgram:
     program: str  # path of the program file
     title: str
     number: int
-    crc: str  # 8 hexadecimal digits
+    crc: str  # CRC of the program as 8 hexadecimal digits
     size_bytes: int
     programs: int  # number of programs that the axis now contains
     store: str  # "stored"; or "no_memory" or "failed", if a power cut would delete the program

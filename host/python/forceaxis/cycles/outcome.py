@@ -18,7 +18,8 @@ MEASURED = ("good", "below", "above")
 
 @dataclass(frozen=True, slots=True)
 class PartOutcome:
-    """Outcome of the cycle of one part. A failed run has only the field `error`."""
+    """Outcome of the cycle of one part. If the simulation has failed, only the field `error` is
+    set."""
 
     state: str = ""  # state of the cycle: good, bad, aborted, or the reason why there is no verdict
     outcome: str = ""  # text that says how the cycle ended

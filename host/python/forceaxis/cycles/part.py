@@ -62,7 +62,7 @@ class PartResult:
     program: str
     title: str
     state: str  # "good", "bad", "aborted", or the reason why there is no verdict
-    outcome: str  # how the cycle ended
+    outcome: str  # text that says how the cycle ended
     # name of the phase that failed; empty if the cycle ended as its program intends
     failed_phase: str
     invalid_ticks: int  # number of ticks in evaluated phases whose sample is not valid

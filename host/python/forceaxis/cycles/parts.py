@@ -24,7 +24,8 @@ from forceaxis.experiments.points import SweepParameter, check_names, tidy, unit
 from forceaxis.experiments.sweep_result import Row
 from forceaxis.words import suggestion
 
-NOISE_SEED = "experiment.seed"  # each part has its own seed
+# name of the override for the seed of the measurement noise; each part has its own seed
+NOISE_SEED = "experiment.seed"
 NOISE_SEED_MOST = 2**31 - 1
 
 UNIFORM = {"least", "most"}
@@ -183,7 +184,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _values(given: Any, where: str, inputs: Inputs, fail: Fail) -> dict[str, Distribution]:
-    """Returns the distributions of a table [set]."""
+    """Returns {parameter: distribution} for a table [set] of a parts file."""
     if not isinstance(given, dict):
         fail(where, f"expected a table of parameters, each {SHAPES}")
     flat: dict[str, Any] = {}
@@ -195,7 +196,7 @@ def _values(given: Any, where: str, inputs: Inputs, fail: Fail) -> dict[str, Dis
 
 
 def _distribution(name: str, given: Any, where: str, inputs: Inputs, fail: Fail) -> Distribution:
-    """Returns the distribution of one parameter."""
+    """Returns the distribution of one parameter from its value in a parts file."""
     key = f"{where}.{name}"
     if name == NOISE_SEED:
         fail(key, "expected no seed, because each part has its own; remove it and give `seed`")

@@ -77,7 +77,8 @@ class ProposedPasses:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Proposed bounds of a program."""
+    """Proposed bounds for the evaluation elements of a program, and the expected fraction of
+    refused parts."""
 
     program: str  # path of the program file that was written
     rate: float  # requested fraction of good parts that the program refuses

@@ -62,7 +62,7 @@ class RatesRequest:
         return self.parts if self.bad_parts is None else self.bad_parts
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """Returns the command line that repeats the computation."""
+        """Returns the command line that computes the same error rates again."""
         words = option_words(
             good=paths.display(self.good),
             bad=[paths.display(file) for file in self.bad],

@@ -144,8 +144,8 @@ class RecordFolder:
 
     def add(self, record: PartRecord) -> bool:
         """Writes a record to the disk and returns True. Returns False if the folder already has the
-        record of this part. Raises InputError if the folder has another part with the same power-up
-        and number."""
+        record of this part. Raises InputError if the folder has the record of another part with the
+        same numbers of power-up and part."""
         if record.key in self:
             if not self.record(record.key).is_same_part(record):
                 raise InputError(

@@ -144,7 +144,7 @@ def serial_text(found: ResultObjects) -> str:
 
 @dataclass(frozen=True)
 class Selection:
-    """Objects that show which result is selected and whether it exists."""
+    """Objects that show which result of a part is selected, and whether this result exists."""
 
     cycle_result_number: int
     cycle_result_element: int
@@ -281,7 +281,7 @@ class Reminders:
     )
 
     def resume(self, folder: RecordFolder) -> None:
-        """Reads the time of the last good master part from the records of a folder."""
+        """Reads from the records of a folder when a master part was last found good."""
         if self.master_every_h is not None:
             for record in folder.records():
                 self.press(record)
@@ -459,7 +459,7 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise
     record = read(axis, 0, wanted)
-    assert record is not None  # a cycle has ended
+    assert record is not None  # a record exists, because a cycle has ended
     return replace(
         record,
         axis=now.axis,
