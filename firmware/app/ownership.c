@@ -175,7 +175,8 @@ void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t con
     obey(fw, source, previous, controlword);
     return;
   }
-  /* A controlword that may only stop the axis does not change the object controlword. */
+  /* A controlword that may only stop the axis must not change the object controlword, so its value
+   * is restored. */
   fw->drive.params.controlword = previous;
   if (cia402_stop(&fw->drive, &fw->axis, controlword)) {
     hold(fw, source);

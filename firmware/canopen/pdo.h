@@ -55,7 +55,7 @@ void pdo_tick(canopen_t *canopen, const dictionary_t *objects);
  * before canopen_timers_missed(). */
 void pdo_missed(canopen_t *canopen, uint32_t ticks);
 
-/* Acts on the expired deadline of an RPDO. */
+/* Acts on an RPDO that was not received before its deadline. */
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo);
 /* Prepares the deadlines of RPDOs that are not running or have expired. These deadlines start as
  * soon as the axis is active. */

@@ -108,8 +108,8 @@ typedef struct {
 /* LSS settings, see lss.h. A reset of communication changes only the fields `state`, `selected`,
  * `identified` and `scanned`. */
 typedef struct {
-  /* switch delay of CiA 305 in ticks: the time without sending and receiving, once before and once
-   * after a change of the bit rate */
+  /* switch delay of CiA 305 in ticks. The node neither sends nor receives for this time before a
+   * change of the bit rate, and again for this time after it */
   uint32_t delay_ticks;
   uint32_t ticks; /* number of remaining ticks of the present switch delay */
   uint16_t rates; /* set of supported bit rates, one bit for each index; 0: all rates */

@@ -34,8 +34,8 @@ typedef struct {
   uint8_t verdict;                          /* CYCLE_PART_ */
   uint8_t outcome;                          /* how the cycle ended, CYCLE_BY_PROGRAM and so on
                                              * (cycle.h) */
-  uint8_t phase;                            /* number of the last phase, or of the phase that
-                                             * failed */
+  /* number of the last phase of the cycle, or of the phase in which the cycle failed */
+  uint8_t phase;
 } cycle_part_t;
 
 typedef struct {

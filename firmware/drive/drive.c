@@ -548,7 +548,7 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
                        : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;
     default:
-      return false; /* The option code is ABORT_NOTHING. */
+      return false; /* ABORT_NOTHING */
   }
   cia402_show(drive, axis);
   return true;

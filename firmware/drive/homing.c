@@ -75,7 +75,8 @@ static bool is_fitted(const cia402_t *drive, const homing_method_t *method) {
   return (method->needs & ~(uint32_t)drive->params.inputs_fitted) == 0;
 }
 
-/* Returns the index of a homing method, or METHODS if the method is not available. */
+/* Returns the index of the homing method with the number `method`, or METHODS if this method is not
+ * available. */
 static uint8_t find(const cia402_t *drive, int32_t method) {
   for (uint8_t i = 0; i < METHODS; i++) {
     if (methods[i].method == method) {

@@ -13,8 +13,8 @@ void drive402_cycle_start(drive402_t *master);
  * drive must stop, sends an RPDO at once. */
 void drive402_cycle_tick(drive402_t *master, const drive402_command_t *command);
 
-/* Processes a TPDO of the drive. A frame of another length than 8 bytes is ignored, and a frame
- * before the first SYNC is ignored. */
+/* Processes a TPDO of the drive. A frame before the first SYNC is ignored. A frame whose length
+ * differs from that of the TPDO is also ignored. */
 void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame);
 
 #endif

@@ -4,8 +4,8 @@
 
 #include "firmware/fx/bytes.h"
 
-/* Flags in a COB-ID of CiA 301. INVALID: the PDO does not exist. The other flag, in a TPDO: remote
- * requests are not answered. */
+/* Flags in a COB-ID of CiA 301. INVALID: the PDO does not exist. NO_REQUEST, in the COB-ID of a
+ * TPDO: remote requests are not answered. */
 #define INVALID UINT32_C(0x80000000)
 #define NO_REQUEST UINT32_C(0x40000000)
 

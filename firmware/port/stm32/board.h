@@ -82,7 +82,7 @@ bool encoder_read(int32_t *count);
  * if the conversions have not finished within 5 us after adc_begin(). */
 void adc_init(void);
 void adc_begin(void);
-bool adc_read(uint16_t codes[2]); /* the two ADC codes have 12 bits */
+bool adc_read(uint16_t codes[2]); /* reads the two ADC codes, which have 12 bits */
 
 /* Starts one conversion of the internal reference, or of pin PA4 if of_reference is false. Call
  * this function between two ticks, in each tick. */
