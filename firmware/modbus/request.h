@@ -2,8 +2,8 @@
 #define FIRMWARE_MODBUS_REQUEST_H_
 
 /* One Modbus request, from its bytes to the bytes of its answer. It is used by both servers of the
- * Modbus registers: the RTU server in the firmware and the TCP server in the gateway. The code is
- * passive: it requests one access to an object at a time, and the caller executes this access,
+ * Modbus registers: the RTU server in the firmware and the TCP server in the gateway. A request is
+ * passive: it asks for one access to an object at a time, and the caller executes this access,
  * immediately or over a bus.
  *
  *   modbus_request_begin(&request, unit, pdu, length, counters);
@@ -18,7 +18,7 @@
  * mask; 23 writes registers and then reads registers. Function 8 is diagnostics, with the
  * subfunctions 0 (echo), 10 (clear the counters) and 11 to 18 (read a counter). Function 17 reads
  * the server id. Function 43 with MEI type 14 reads the objects 0 to 2, 4, 5 and 80h (hash of the
- * object table) of the device identification. Any other function gives exception 1. */
+ * object table) of the device identification. Any other function gives exception 1.*/
 
 #include "firmware/modbus/step.h"
 

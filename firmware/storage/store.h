@@ -66,8 +66,9 @@ enum {
  * object table. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 
-/* Numbers of the extra records that the store keeps in addition to the parameter set, their number,
- * and the size of the counts in bytes. */
+/* The extra records that the store keeps in addition to the parameter set. STORE_PROGRAMS,
+ * STORE_COUNTS: numbers of these records. STORE_PARTS: number of extra records. STORE_COUNTS_BYTES:
+ * size of the counts in bytes. */
 enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };
 
 /* State of the extra records. STORED: all extra records are stored. WRITING: an extra record is
