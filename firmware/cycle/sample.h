@@ -9,13 +9,13 @@
  *   - no protection that is switched on is tripped. A protection that trips is a fault, which
  *     aborts the cycle, so it needs no bit here.
  *
- * A broken wire with the reading zero is not detected here. The fault force_disconnected
+ * A broken wire that reads as zero is not detected here. The fault force_disconnected
  * (guard/sensor.h) and the lower bounds of the evaluation elements detect it.
  *
  * A sample that is not valid meets no condition on force, travel or depth. A tare, travel 0 and the
  * evaluation elements ignore it. A force code at an end of its range exceeds force_max in every
  * phase. In an evaluated phase (cycle_program_judged()) a sample that is not valid makes the part
- * bad. */
+ * bad.*/
 
 #include <stdbool.h>
 #include <stdint.h>

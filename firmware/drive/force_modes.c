@@ -139,8 +139,9 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
-      /* After a contact loss the axis brakes at once. The output gets no bump bias, because this
-       * bias would continue the DAC code with which the axis has pressed on the workpiece. */
+      /* After a contact loss the axis brakes at once. The output gets no bias from bumpless
+       * transfer, because this bias would continue the DAC code with which the axis has pressed on
+       * the workpiece. */
       motion_override(drive, axis);
       axis->params.bump_decay_shift = 0;
       drive->pressing = 0;

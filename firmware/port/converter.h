@@ -55,9 +55,9 @@ bool converter_is_right(const converter_step_t *step, const uint8_t *received);
 /* Returns the number of bytes that a reading of this kind of converter has. */
 uint8_t converter_bytes(uint8_t kind);
 
-/* Stores the reading that was received. Returns false if the converter reports an error (AD7193:
- * input or reference out of range, another channel, parity), or if the data line or the converter
- * stands still. */
+/* Stores a received reading. Returns false if the converter reports an error (AD7193: input or
+ * reference out of range, another channel, parity), or if the data line or the converter stands
+ * still. */
 bool converter_take(converter_t *converter, uint8_t kind, const uint8_t *received);
 
 /* Converts a code of 24 bits to an unsigned ADC code of `bits` bits, 8..16, rounded down. The
