@@ -220,7 +220,7 @@ def uri(figure: Figure) -> str:
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
     # Coordinates in the SVG are rounded to a hundredth of a point.
-    # Numbers in texts are not rounded.
+    # Numbers in texts of the plot are not rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
     svg = short_svg(svg)
     if len(svg) <= SVG_BYTES_MAX:

@@ -33,7 +33,7 @@ from forceaxis._core import InputError
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    # A value that to_json() converts.
+    # Convertible is the type of a value that to_json() can convert.
     Convertible = (
         DataclassInstance | str | float | bool | Path | None
         | Mapping[str, "Convertible"] | Sequence["Convertible"]

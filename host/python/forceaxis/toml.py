@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    # A value that has a text in TOML.
+    # Writable is the type of a value that can be written as TOML text.
     Writable = (
         str | int | float | bool | Path | datetime.date | np.generic | NDArray[np.generic]
         | Sequence["Writable"] | Mapping[str, "Writable"]

@@ -7,7 +7,8 @@ from forceaxis import objects
 from forceaxis.axis.link import TICKS_PER_S
 
 TICKS_PER_MS = TICKS_PER_S / 1e3
-ON_TICKS_MOST = round(objects.BY_NAME["drive_on_ticks_max"].max)  # largest value of the object
+# largest value of the object drive_on_ticks_max
+ON_TICKS_MOST = round(objects.BY_NAME["drive_on_ticks_max"].max)
 
 
 def age_without_loss(cycle_ticks: int) -> int:

@@ -25,7 +25,7 @@ COMMAND_BITS = ENABLE | FAULT_RESET  # bits of the controlword that select the d
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED = mask("statusword", "reached")
 ACKNOWLEDGED = mask("statusword", "acknowledged")
-# End of the error text for an axis with a fault.
+# End of an error text about an axis with a fault.
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
 # Longest time in s from the write of the controlword until the axis is disabled.
 # The time includes the deceleration of the axis to standstill.

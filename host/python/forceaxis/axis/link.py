@@ -33,7 +33,7 @@ POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a 
 # The index of a name is the raw value of the object command_source.
 COMMAND_SOURCES = BY_NAME["command_source"].enum
 # Largest relative difference between `force_scale` of the axis and the scale of the sensor.
-# A larger difference causes a warning.
+# A larger difference of the force scales causes a warning.
 FORCE_SCALE_TOLERANCE = 0.1
 # CANopen indices of the texts device name, hardware version and firmware version.
 DEVICE_NAME_INDEX, HARDWARE_INDEX, VERSION_INDEX = 0x1008, 0x1009, 0x100A
@@ -62,7 +62,7 @@ class Recording:
 
     signals: tuple[str, ...]
     #: Raw values as int64, with one row for each sample and one column for each signal.
-    #: Values of unsigned objects are >= 0.
+    #: Raw values of unsigned objects are >= 0.
     raw: RawSamples = field(repr=False)
     decimation: int = 1
     trigger_sample: int = 0  # index of the sample at the trigger, or of the first sample after it
@@ -99,7 +99,7 @@ class Link(abc.ABC):
     warning: str | None = None
     counts_per_metre: float | None = None
     # From acquire() to release(), this thread writes the watchdog or sends the heartbeat.
-    # The value is None while the axis is not acquired.
+    # `_keeper` is None while the axis is not acquired.
     _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pymodbus.pdu import ModbusPDU
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
-SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # a path may contain colons
+SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # the path of a device may contain colons
 BAUD_RATE = 115_200  # default baud rate of the firmware, with 8 data bits and even parity
 PARITIES = "EN"
 # size in bytes of the objects cycle_data_1 to cycle_data_16, and of the head of an update
@@ -36,11 +36,11 @@ PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
 # number of attempts if the answer to a request is lost; the axis ignores bytes that it has already
 PART_TRIES = 3
-MOST_REGISTERS = 125  # largest number of registers in one request
+MOST_REGISTERS = 125  # largest number of registers in one Modbus request
 # {CANopen index of a text: number of the same text in Modbus function 43 / 14}
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, HARDWARE_INDEX: 5, VERSION_INDEX: 2}
-NOT_NOW = 4  # exception code "server device failure"
-TARGET_NO_ANSWER = 11  # exception code "gateway target device failed to respond"
+NOT_NOW = 4  # Modbus exception code "server device failure"
+TARGET_NO_ANSWER = 11  # Modbus exception code "gateway target device failed to respond"
 EXCEPTIONS = {
     2: "there is no such register",
     3: REFUSALS["range"].text,

@@ -79,7 +79,7 @@ class About:
     """The table [about] of a parameter file. It describes the axis whose parameters dump() has
     written. A field whose value is None is not in the file."""
 
-    object_table: str  # hash of the object table as 0x and 8 digits
+    object_table: str  # hash of the object table of the axis as 0x and 8 digits
     firmware: str | None
     axis: str
     name: str | None

@@ -22,7 +22,7 @@ from forceaxis.bus.state_names import texts
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME, AxisObject, default
 
-CODES_PER_V = 4096 / 20  # DAC codes per volt
+CODES_PER_V = 4096 / 20  # number of DAC codes per volt at the output
 METRE_UNIT = 0x01  # code of the unit metre in CiA 303-2
 NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 # Objects whose value is in per mille of the object rated_force.
@@ -165,7 +165,7 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
         return text
     parts = NUMBER_WITH_UNIT.fullmatch(text)
     if parts is None:
-        return text  # Axis.set() raises the error and states the expected text.
+        return text  # Axis.set() raises the error for a wrong text, and states the expected texts.
     number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number

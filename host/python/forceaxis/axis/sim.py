@@ -48,7 +48,7 @@ class SimLink(RecorderLink):
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
         self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self.store = store  # file of the parameter store; "" means no file
+        self.store = store  # file of the parameter store of the axis; "" means no file
         self._owned = False
         # in this tick, the firmware reads the sensors of the plant for the first time
         self.axis.step(1)
@@ -120,5 +120,6 @@ class SimLink(RecorderLink):
         """Deletes the simulated axis. This closes the file of its parameter store, unless the
         caller still has a reference to the object `axis`."""
         self._owned = False
-        with contextlib.suppress(AttributeError):  # the connection was already closed
+        # The attribute `axis` is missing if the connection was already closed.
+        with contextlib.suppress(AttributeError):
             del self.axis

@@ -94,7 +94,7 @@ class CaseSpeed:
     spread: float  # median CPU time divided by the smallest CPU time, minus 1
     runs: int
     # CPU time of the tool divided by the CPU time of forceaxis, as the median over the repetitions.
-    # The value is None if forceaxis was not measured.
+    # `times_forceaxis` is None if forceaxis was not measured.
     times_forceaxis: float | None
 
 
@@ -104,7 +104,7 @@ class SweepSpeed:
 
     sweep: str
     runs: int
-    runs_per_s_core: float  # runs per second of CPU time
+    runs_per_s_core: float  # number of runs per second of CPU time
     runs_per_s: float
     runs_per_s_two_threads: float
     two_thread_ratio: float  # elapsed time with one thread divided by elapsed time with two threads
@@ -129,7 +129,7 @@ class AnalysisSpeed:
     """CPU time of one computation of the linear analysis, with forceaxis and python-control."""
 
     work: str
-    states: int  # number of states of the system
+    states: int  # number of states of the linear system
     seconds: float
     # CPU time of python-control in s; None if python-control cannot compute this result
     control_seconds: float | None
@@ -170,7 +170,7 @@ CASES = {
 # Sweeps of 64 x 64 runs: {name: (range of the gain, range of the set-point)}.
 # The gain is in DAC codes per ADC code, the set-point is in N.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SWEEP_SIDE = 64  # number of gains of a sweep, and number of set-points
+SWEEP_SIDE = 64  # number of gains of a sweep, and also number of its set-points
 
 
 class Peers:

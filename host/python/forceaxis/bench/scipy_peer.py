@@ -21,7 +21,8 @@ STEP_S = 1 / TICKS_PER_SECOND
 # error tolerance, which is also that of odeint; RK45 and odeint use the same integration formulas
 TOLERANCE = 1e-4
 R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor, in m/rad
-K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # stiffness and damping of the force sensor
+# stiffness in N/m and damping in N s/m of the force sensor
+K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5
 
 
 class TimedRun(NamedTuple):
@@ -30,7 +31,7 @@ class TimedRun(NamedTuple):
     force_N: NDArray[np.float64]  # contact force in N at each tick
     codes: NDArray[np.int32]  # ADC code of the contact force at each tick
     seconds: float  # CPU time of the run in s
-    events: int | None  # number of switching events; None if unknown
+    events: int | None  # number of switching events in the run; None if it is unknown
 
 
 @dataclass(frozen=True)

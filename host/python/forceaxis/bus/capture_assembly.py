@@ -24,7 +24,7 @@ class Assembly:
         self.raw = np.zeros((0, 0), np.int64)
         self.have = np.zeros(0, np.bool_)
         self.decimation = self.trigger_sample = 0
-        self.first_tick: int | None = None  # tick of the first sample
+        self.first_tick: int | None = None  # tick of the first sample of the capture
         self.newest_us = 0
 
     def take(self, block: axis_capture_t) -> bool:

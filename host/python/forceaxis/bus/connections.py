@@ -108,7 +108,7 @@ class Bounds:
                 return None
             viewed.getpeername()  # this call raises OSError for the listening socket
             return look(viewed)
-        except OSError:  # the connection has ended meanwhile
+        except OSError:  # the TCP connection has ended meanwhile
             return None
         finally:
             if viewed:

@@ -140,7 +140,7 @@ class Snapshot:
     clock: ClockSnapshot | None
     received: int
     undecodable: int
-    events: list[WatchedEvent]  # the latest events
+    events: list[WatchedEvent]  # the latest events of all axes
     source: str
     trouble: str | None = json_field(omit_none=True)
 

@@ -252,7 +252,7 @@ class StripChart(NamedTuple):
     actual: Samples
     target: Samples
     legend: tuple[str, str]
-    least_span: float  # smallest range of the scale, in the unit of the chart
+    least_span: float  # smallest range of the scale of the chart, in the unit of its values
 
 
 def strip_charts(

@@ -168,7 +168,7 @@ def engineering_row(axis: AxisWatch, state: axis_state_t, wall_us: int) -> dict[
     shows, and voltages in V."""
     axis.take_state(state, wall_us)
     shown = axis.words(wall_us)
-    assert shown is not None  # take_state() has set a state
+    assert shown is not None  # `shown` is not None, because take_state() has set a state
     found = {
         "force_N": shown.force_N,
         "target_force_N": shown.target_force_N,

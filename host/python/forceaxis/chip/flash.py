@@ -199,7 +199,7 @@ class FlashSummary:
     sectors: list[int]
     erase_parameters: bool
     warning: str | None
-    command: list[str]  # command line of openocd
+    command: list[str]  # command line with which openocd is started
     probe: str | None = json_field(omit_none=True)
     chip: str | None = json_field(omit_none=True)
 

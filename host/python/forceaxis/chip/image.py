@@ -46,10 +46,10 @@ class Image(NamedTuple):
     """The content of a firmware image file: the bytes for the flash memory."""
 
     path: Path
-    kind: str  # elf, hex or bin
+    kind: str  # file format: "elf", "hex" or "bin"
     address: int | None  # start address of a .bin file; None for .elf and .hex files
     # Segments in ascending order of their addresses.
-    # Between two segments there are addresses without bytes.
+    # Between two segments there are addresses for which the image has no bytes.
     segments: tuple[Segment, ...]
 
     @property
@@ -171,7 +171,7 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
 class HexRecord(NamedTuple):
     """One record of a file in the format Intel HEX."""
 
-    address: int  # lower 16 bits of the address of the record
+    address: int  # lower 16 bits of the address of the first byte in the record
     kind: int
     data: bytes
 

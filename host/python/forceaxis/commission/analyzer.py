@@ -65,7 +65,7 @@ DISTORTION_RECORDS = 3
 ARRIVALS_MIN, ARRIVALS_SURE = 6, 8
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude in the search
 # After a bound was exceeded, the amplitude is multiplied by a factor, a limited number of times.
-# The values with SLIDING apply to an axis with dry friction.
+# The constants with SLIDING in their names apply to an axis with dry friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
@@ -217,9 +217,8 @@ class Analyzer:
         self._before: dict[str, Value] = {}
         self.objects = axis.record(AnalyzedObjects)
         self.newton = self.objects.force_scale * 1e-6  # force in N of one force count
-        self.count_per_code = 2.0 ** (
-            8 - self.objects.adc_bits
-        )  # number of force counts per ADC code
+        # number of force counts per ADC code
+        self.count_per_code = 2.0 ** (8 - self.objects.adc_bits)
         self.home = self.objects.position
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)

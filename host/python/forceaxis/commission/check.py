@@ -18,7 +18,7 @@ from forceaxis.objects import mask
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
 # Without recordings: number of reads at rest, and time in s between two reads.
 READINGS, READING_PERIOD_S = 25, 0.02
-# Largest change of the encoder count at standstill.
+# Largest change of the encoder count that is regarded as standstill.
 # The limit at standstill in the first motion test of the firmware has the same value.
 STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code

@@ -149,11 +149,11 @@ class TouchDown:
     """The measured force during a first contact, and the settings of the axis on which this force
     depends."""
 
-    time_s: Samples  # : time in s; 0 is the first sample whose force is above `contact_force`
+    time_s: Samples  #: time in s; 0 is the first sample whose force is above `contact_force`
     force_N: Samples
     force_asked_N: float
-    order: MeasuringOrder  # : the request with which the Analyzer pressed on the workpiece
-    settings: Settings  # : values of the objects TOUCH_DOWN_OBJECTS at the contact
+    order: MeasuringOrder  #: the request with which the Analyzer pressed on the workpiece
+    settings: Settings  #: values of the objects TOUCH_DOWN_OBJECTS at the contact
 
 
 class Touching(Analyzer):

@@ -47,8 +47,8 @@ class RecordedFriction:
     is_recorded: bool = False  #: True if the measurement searched for friction
     dead_zone: float = 0.0
     moving_N: float | None = None
-    table_N: float = 0.0  # : friction in N between the workpiece and its table
-    slides: bool = True  # : True if the workpiece slid while the response was measured
+    table_N: float = 0.0  #: friction in N between the workpiece and its table
+    slides: bool = True  #: True if the workpiece slid while the response was measured
     is_least: bool = False  #: True if the friction of guide and gear is a lower bound
     speed: float | None = None
 
@@ -79,7 +79,7 @@ def recorded_friction(
     if moving_N is None and found.dead_zone_codes:
         newton = known.newton_per_code(model, overrides)
         moving_N = found.dead_zone_codes * newton if math.isfinite(newton) else None
-    counts: float | None = about.speed_rms  # in encoder counts/s or force counts/s
+    counts: float | None = about.speed_rms  # rms speed in encoder counts/s or force counts/s
     if about.bias_N is not None:
         counts = about.speed_rms * (slow.compliance + slow.sliding) if slow else None
     encoder = linear.facts(model, overrides).encoder

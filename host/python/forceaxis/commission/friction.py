@@ -89,7 +89,7 @@ class Glide:
     dead_zone: float
     difference: float
     rate: float
-    codes: int  # : largest DAC code of the motions
+    codes: int  #: largest DAC code of the motions
 
     @property
     def rubs(self) -> bool:
@@ -206,7 +206,8 @@ def first_code(most: int, travel: int, rate: float) -> int:
     """Returns the DAC code with which glide() begins. It is at most an eighth of `most`. It is
     smaller if the axis would otherwise leave the travel of `travel` counts to both sides before its
     speed is measured. `rate`: speed of the axis in counts/s per DAC code."""
-    fastest = 2 * TRAVEL_SHARE * travel / (SETTLED_S + RECORD_MIN_S)  # largest speed in counts/s
+    # largest speed in counts/s that can be measured within the travel
+    fastest = 2 * TRAVEL_SHARE * travel / (SETTLED_S + RECORD_MIN_S)
     return max(SMALLEST_CODE, int(min(most // 8, fastest / abs(rate) if rate else math.inf)))
 
 

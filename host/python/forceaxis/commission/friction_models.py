@@ -21,7 +21,7 @@ MOVING, TABLE = "guide_friction", "table_friction"
 NAME = re.compile(r"[A-Za-z_]\w*")
 # Keys of a model file whose text values are not names of parameters.
 TEXT_KEYS = ("name", "between", "title", "unit", "source")
-# A value in a model file.
+# Part is the type of a value in a model file.
 Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 
 

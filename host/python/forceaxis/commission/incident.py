@@ -72,13 +72,13 @@ class IncidentAbout:
     at the time when the incident was read from the axis."""
 
     where: str
-    fetched: str  # : date and time at which the incident was read from the axis, by ISO 8601
+    fetched: str  #: date and time at which the incident was read from the axis, by ISO 8601
     fault: str
     error_code: str
     tick: int
     later: int  #: number of further errors after this one
     kept: bool  #: True if the incident is older than the last restart of the axis
-    table: str  # : hash of the object table of the axis
+    table: str  #: hash of the object table of the axis
     parameters: dict[str, int]
     archived: bool = False  #: True if a power cut occurred after the incident
 

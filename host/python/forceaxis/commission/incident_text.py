@@ -13,8 +13,8 @@ from forceaxis.objects import bits_in, sentence
 from forceaxis.words import counted
 
 TICK_MS = 1e3 / TICKS_PER_S
-SWING_TICKS = 450  # 0.3 s in ticks
-NEAR_TICKS = 75  # 50 ms in ticks
+SWING_TICKS = 450  # time span of 0.3 s, in ticks
+NEAR_TICKS = 75  # time span of 50 ms, in ticks
 CLOSE_TICKS = 10
 
 # Bits of board_state (2431h) that do not indicate a fault by themselves.

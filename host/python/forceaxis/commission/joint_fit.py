@@ -116,14 +116,14 @@ class JointFit:
     best: Values
     chi2: float
     dof: int
-    levels: list[ResponseScore]  #: test of each response
-    # : the fitted responses; `at` contains the logarithms of the values `best`
+    levels: list[ResponseScore]  #: for each response: test whether the model explains it
+    #: the fitted responses; `at` contains the logarithms of the values `best`
     problem: "Responses"
     at: Samples
-    rejected: str | None = None  # : reason for the rejection in one word: prior, chi2 or coherence
-    text: str = ""  #: reason for the rejection as text
+    rejected: str | None = None  #: reason for the rejection in one word: prior, chi2 or coherence
+    text: str = ""  #: text about the reason for the rejection of the fit
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
-    intervals: dict[str, tuple[float, float]] | None = None  #: 95 % intervals
+    intervals: dict[str, tuple[float, float]] | None = None  #: {parameter: its 95 % interval}
     #: {"a/b" or "a*b": (value, low, high)} for accurate quotients and products of two parameters
     ratios: dict[str, tuple[float, float, float]] | None = None
     #: correlation matrix; rows and columns in the order of the names in `best`
@@ -197,7 +197,7 @@ class Responses:
         self.centre: Samples = np.log([p.value for p in self.priors.values()])
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        # Stored predictions.
+        # Predictions of the model that are stored for reuse.
         # The key of a prediction contains the response and the values of its parameters.
         self.known: dict[Hashable, Response] = {}
         self.acting: dict[Hashable, NDArray[np.bool_]] = {}

@@ -85,7 +85,8 @@ def priors(
         add(name, WORKPIECE_SPREAD)
     found = {name: Prior(known[name].value, spread) for name, spread in spreads.items()}
     for file in files:
-        plant_set.ranges_of(model, [file], overrides)  # raises InputError for an unknown name
+        # this call raises InputError for an unknown name of a parameter
+        plant_set.ranges_of(model, [file], overrides)
         found |= _of_posterior(posterior.read(file))
     for text in given:
         name, _, value = text.partition("=")
@@ -164,7 +165,7 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
     """Returns the steady speed of the axis out of contact, in encoder counts/s per DAC code."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
-    speed = float((s * plant.at(s).item()).real)  # speed per volt of the command
+    speed = float((s * plant.at(s).item()).real)  # speed of the axis per volt of the command
     return speed * linear.facts(model, overrides).volts_per_code
 
 

@@ -27,18 +27,18 @@ class MeasuringOrder:
     fewest: int = 0
     settle_s: float = 1.0
     force_max_N: float = math.inf
-    travel: int = 500  # : largest distance from the start position, in encoder counts
+    travel: int = 500  #: largest distance from the start position, in encoder counts
     #: Amplitude of the excitation in DAC codes.
     #: If the amplitude is 0, the Analyzer searches it, beginning at `first`.
     amplitude: int = 0
     first: int = 1
-    most: int = MOST_CODES  # : largest amplitude in DAC codes that the search tries
+    most: int = MOST_CODES  #: largest amplitude in DAC codes that the search tries
     seed: int = 1
     #: True: searches for dry friction, and makes the axis slide if there is friction
     finds_friction: bool = True
-    # : True: the axis has dry friction, whose effect is larger at smaller amplitudes
+    #: True: the axis has dry friction, whose effect is larger at smaller amplitudes
     rubs: bool = False
-    swing: float = 0.4  # : peak-to-peak range of the force, divided by the bias force
+    swing: float = 0.4  #: peak-to-peak range of the force, divided by the bias force
     #: a force has settled if its relative difference from the set-point is below this value
     within: float = 0.05
 
@@ -75,7 +75,8 @@ class Level:
     amplitude: int
     bias_N: float | None = None
     noise_lsb: float | None = None
-    measured_or_none: Measurement | None = None  #: None before the measurement
+    #: the measured response, or None before the measurement
+    measured_or_none: Measurement | None = None
     #: complex sensitivity function of the loop during the measurement, and its standard error
     sensitivity: Response = field(default_factory=lambda: np.zeros(0, complex))
     sensitivity_error: Samples = field(default_factory=lambda: np.zeros(0))

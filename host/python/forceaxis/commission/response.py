@@ -24,7 +24,7 @@ Lines = NDArray[np.int64]  # numbers of spectral lines
 Steps = tuple[float, float]
 Still = tuple[Samples, Samples]  # (inputs, outputs) of recordings without excitation
 
-POWER_MIN = 1e-300  # replaces a power of 0 before a division
+POWER_MIN = 1e-300  # this value replaces a power of 0 before a division
 CANDIDATE_SEEDS = 400  # number of seeds among which calm_seeds() chooses
 
 

@@ -81,7 +81,7 @@ from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
 from forceaxis.results import from_json, to_json
 
-R = TypeVar("R")  # result of a step
+R = TypeVar("R")  # type of the result of a step
 
 LIMIT_FACTOR = 1 / 6  # gain of the force law for the measurement, divided by the critical gain
 # Factors of stiffness and mass in the set of plants for which the critical gain is computed.
@@ -795,7 +795,8 @@ class Tuning(TuningFolder):
         try:
             text = step.run(self)
         except (Refusal, Refused, NoAnswer) as error:
-            if step.name == STEPS[0] and isinstance(error, Refusal):  # the axis was not changed
+            # the step `check` has not changed the axis
+            if step.name == STEPS[0] and isinstance(error, Refusal):
                 raise
             raise of_link(self.axis, error) from None
         self.say(f"{place}: {text}")

@@ -46,14 +46,14 @@ from forceaxis.words import plain
 Frictions = tuple[friction_models.FrictionElement, ...]
 
 # Prior standard deviation of the logarithm of the damping that replaces friction.
-# SLIDING_SPREAD: for an axis that slides.
-# STICKING_SPREAD: for an axis that sometimes sticks.
+# SLIDING_SPREAD applies to an axis that slides.
+# STICKING_SPREAD applies to an axis that sometimes sticks.
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
 # Damping in N s/m that replaces the friction of a workpiece that does not slide.
 STUCK_DAMPING = 1e6
 # Relative error of a response that is fitted with a damper in place of friction.
-# SLIDING_ERROR: for an axis that slides.
-# STICKING_ERROR: for an axis that sometimes sticks.
+# SLIDING_ERROR applies to an axis that slides.
+# STICKING_ERROR applies to an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
@@ -119,7 +119,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
         found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
-    # an accepted fit always has both
+    # A fit that was accepted always has plants and intervals.
     assert found.plants is not None and found.intervals is not None
     changes: list[str] = []
     if frictions:

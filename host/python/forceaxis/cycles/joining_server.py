@@ -129,7 +129,7 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
                 del self._received[:whole]
                 self._stop_clock()
                 super().data_received(message)
-                if self._buffer:  # the bytes are no message of this protocol
+                if self._buffer:  # the received bytes are not a message of OPC UA
                     self.transport.close()
         self._wait()
 

@@ -37,7 +37,7 @@ class ElementFigure:
     name: str
     kind: str
     verdict: str
-    value: float | None  # None if the element has found no value
+    value: float | None  # value in `unit`; None if the element has found no value
     unit: str
     least: float | None
     most: float | None

@@ -88,7 +88,7 @@ class Proposal:
     expected: float  # expected fraction of later good parts that the program refuses
     # lower end of the 95 % range of the fraction of later good parts that the program refuses
     low: float
-    high: float  # upper end of this 95 % range
+    high: float  # upper end of the 95 % range of this fraction
     bounds: list[MovedBounds]
     left: list[LeftElement]
     bad: list[ProposedPasses]

@@ -25,7 +25,8 @@ from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
 PARTS_MOST = 1_000_000
-GOOD_GROUP = "good parts"  # name of the stream of random numbers for good parts
+# name of the group of all good parts, on which their random numbers depend
+GOOD_GROUP = "good parts"
 FILES = ("rates.json", "parts.csv")
 
 
@@ -37,7 +38,7 @@ class RatesRequest:
     experiment: Path
     good: Path  # parts file of the good parts
     bad: Sequence[Path] = ()
-    parts: int = 1000  # number of good parts
+    parts: int = 1000  # number of good parts to simulate
     # number of parts of each bad kind; None means the same number as `parts`
     bad_parts: int | None = None
     seed: int = 0
@@ -153,7 +154,7 @@ class RatesResult:
     simulator_hash: str
     where: str
     seconds: float
-    # mean computing time of the new simulations
+    # mean computing time in ms of a new simulation
     ms_per_part: float | None = json_field(default=None, omit_none=True)
     command: str = ""  # command line that repeats the computation
 

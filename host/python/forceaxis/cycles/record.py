@@ -39,7 +39,7 @@ class PartRecord:
     axis: str = ""  # connection to the axis, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
     program: str = ""  # path of the program file
-    title: str = ""  # title of the program
+    title: str = ""  # title of the program of the press cycle
     program_number: int = 0
     # CRC of the program as 8 hexadecimal digits; the next two CRCs have the same form
     program_crc: str = ""

@@ -276,9 +276,8 @@ class Reminders:
     master_every_h: float | None = None
     master_serial: str = ""
     calibration_due: datetime.date | None = None
-    master_pressed: datetime.datetime | None = (
-        None  # time at which a master part was last found good
-    )
+    # time at which a master part was last found good
+    master_pressed: datetime.datetime | None = None
 
     def resume(self, folder: RecordFolder) -> None:
         """Reads from the records of a folder when a master part was last found good."""
