@@ -116,8 +116,8 @@ def _metres_of_user(axis: AxisValues) -> float | None:
 
 
 def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
-    """Returns the number of position counts per metre, in the unit of an object that is a position,
-    a speed or an acceleration. Returns None if this number is not known."""
+    """Returns how many position units of an object are one metre. The object is a position, a speed
+    or an acceleration. Returns None if this number is not known."""
     of_user = known.index >= 0x6000 and known.index not in COUNT_INDICES
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre

@@ -5,7 +5,7 @@ States: the plant is a chain of bodies between springs. The motor of the benchma
 is pressed on a wall for 2 s. Events: the plant is an oscillator that hits a stop in each period and
 has dry friction. It is simulated for 2 s, and its frequency determines the number of switching
 events. forceaxis counts six events in each period, and odeint counts four. The reason is a friction
-that stops and slides again at the same instant: forceaxis counts two events, odeint none. With its
+that stops and slides again at the same instant: forceaxis counts two events, odeint one. With its
 tolerance of 1e-4, odeint loses the phase of the oscillator within 2 s at 100 Hz and above, and
 misses a few of 10,000 events. With a tolerance of 1e-12, its forces are equal to those of
 forceaxis. Runs: a sweep of case A over gain and set-point, with 0.15 s in each run. All points are

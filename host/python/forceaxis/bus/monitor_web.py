@@ -232,9 +232,8 @@ def main() -> None:
     ends."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     threading.Thread(target=end_by_signal, name="end", daemon=True).start()
-    ctypes.CDLL(None).prctl(
-        1, signal.SIGTERM
-    )  # 1: PR_SET_PDEATHSIG, so that this process ends with its parent
+    # 1 is PR_SET_PDEATHSIG: this process gets SIGTERM when its parent process ends.
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch
 

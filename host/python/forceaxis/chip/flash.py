@@ -133,7 +133,7 @@ def plan(
             f"parameters, {span(parameters)}{hint}",
         )
     # openocd reads the path in the language Tcl, between braces.
-    # Only braces, backslashes and control characters have a special meaning between braces.
+    # Between braces, characters other than these have no special meaning.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(
             "expected a file name without the characters { } \\ and without control characters, "

@@ -41,7 +41,7 @@ from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
 from forceaxis.results import to_json
 
-# A parameter is determined if its posterior deviation is at most this fraction of its prior one.
+# A parameter is determined if its posterior spread is at most this fraction of its prior spread.
 TOLD_SHARE = 1 / 3
 # limits of the p value below which a model is doubted and rejected
 DOUBTED_BELOW, REJECTED_BELOW = 0.05, 1e-3

@@ -417,8 +417,8 @@ def _differing(
 
 
 def _probability(one: Measurement, other: Measurement) -> float:
-    """Returns the probability that noise alone causes such a difference between two responses,
-    which have the same spectral lines."""
+    """Returns the probability that noise alone causes a difference as large as that between two
+    responses. Both responses have the same spectral lines."""
     variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
     dof = min(one.dof, other.dof)
     ratio = abs(one.response - other.response) ** 2 / variance
