@@ -1,4 +1,5 @@
-"""The class Session of forceaxis.axis.session, under the module name that scripts import."""
+"""The names that scripts import for a session with an axis: the class Session, its errors, and
+functions that are often used with it. See forceaxis.axis.session."""
 
 from forceaxis.axis.axis import MODES, trigger_on
 from forceaxis.axis.session import Session, seconds

@@ -64,9 +64,9 @@ def value_text(value: "Writable") -> str:
 def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
-    """Reports all unknown keys of a table in one call of fail(key, message), which raises an
-    exception. `kind` is a text that describes the known keys. With this text, the message does not
-    list them."""
+    """Checks the keys of a table. If there are unknown keys, calls fail(key, message) once, with a
+    message about all of them. fail() must raise an exception. `kind`: text that describes the known
+    keys in the message, which otherwise lists them."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

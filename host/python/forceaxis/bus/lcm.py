@@ -253,7 +253,7 @@ class Bus(Closable):
         self.url = url or default_url()
         self.trouble: str | None = None  # text of the error that has ended the thread, or None
         self._handle, self._run = handle, True
-        self._lcm: lcm.LCM | None = connect(self.url)  # None after close()
+        self._lcm: lcm.LCM | None = connect(self.url)  # connection of liblcm; None after close()
         self._seq: dict[str, int] = {}
         self._run_id, self._lock = new_run_id(), threading.Lock()
         subscription = self._lcm.subscribe(channels, self._take)

@@ -225,7 +225,7 @@ class BoardError(ValueError):
 def _read_value(where: str, value: "TomlValue", kind: "Kind") -> "Field":
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
     different type."""
-    # The type is that of an optional table or list. In this case the file contains it.
+    # An optional table or list has this type. The file contains it here.
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):

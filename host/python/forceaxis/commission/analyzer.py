@@ -47,7 +47,7 @@ SIGNALS_IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 SIGNALS_APART = ("position", "dac_code", "force")
 RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
-# Smallest measured force in contact, divided by the bias force.
+# Smallest permitted force in contact, divided by the bias force.
 FORCE_MIN_SHARE = 0.5
 # Distance of the force bounds from the expected force, divided by the bias force.
 FORCE_MARGIN_SHARE = 0.1
@@ -515,7 +515,7 @@ class Analyzer:
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # An axis that sticks has little noise.
             # The expected deviation of an axis that sticks is small, so it does not show sliding.
-            # With dry friction, the search therefore uses the whole permitted range.
+            # With dry friction, the search increases the amplitude up to its bound.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:

@@ -55,7 +55,8 @@ SPEED_MAX, MOTION_MAX = 1, 3
 CODE_V = 20 / 4096  # voltage in V of one DAC code at the output of the +-10 V stage
 STAGE_MAX_V = 0.1
 
-NOT_COMPARED = mask("board_state", "tick_unknown")  # this bit of board_state is no error
+# the bit "tick_unknown" of board_state is no error
+NOT_COMPARED = mask("board_state", "tick_unknown")
 # {name of a bit of board_state: text about the error and its remedy}
 OUTPUT_ERRORS = {
     "dac": "the voltage at PA4 differs from the DAC code: nothing may load PA4 or drive it",
@@ -512,7 +513,8 @@ def check_can_off(bench: Bench) -> BringupStep:
 
 
 def check_watchdog(bench: Bench) -> BringupStep:
-    """Lets the processor core stop, and checks that the watchdog resets the processor."""
+    """Asks the person to stop the processor core. Checks that the watchdog then resets the
+    processor."""
     bench.act(
         "Run in another terminal, with the motor disconnected: openocd -f "
         f"{bench.facts.openocd_config} -c init -c 'mww 0xE0042008 0' -c halt -c shutdown. "

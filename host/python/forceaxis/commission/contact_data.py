@@ -29,14 +29,14 @@ HELD_SAMPLES = 100  # largest number of samples that are used of a constant forc
 PERIODS = 4  # longest period, in samples, with which rounding errors are assumed to repeat
 GRID_TOLERANCE = 1e-2  # largest distance of a value from its rounding grid, in steps of the grid
 GRID_ERROR = 1e-7  # largest rounding error of a value in a file, divided by the range of all values
-# These times in s apply to a contact without a recorded command.
+# BEFORE_S, AFTER_S and RUN_UP_S are times in s for a contact without a recorded command.
 # The comparison begins BEFORE_S before the first contact.
 # The comparison ends at the first maximum of the force, at most AFTER_S after the contact.
 # After this maximum, the unknown command would change with the force.
 # The simulation begins RUN_UP_S before the comparison.
 BEFORE_S, AFTER_S, RUN_UP_S = 0.01, 0.1, 0.05
 # Two contacts are simulated separately if there is no contact for at least OPEN_S between them.
-# In a pause of OPEN_S, the workpiece comes to rest.
+# The workpiece comes to rest if there is no contact for OPEN_S.
 # The simulation of a contact begins at least AHEAD_S before the contact.
 OPEN_S, AHEAD_S = 0.5, 0.1
 SPEED_SHARE = 0.3  # assumed relative standard deviation of an unknown speed or command

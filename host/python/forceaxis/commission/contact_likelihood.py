@@ -147,8 +147,8 @@ class ContactProblem:
         return known.hexdigest()
 
     def shorter(self, steps_after: int) -> "ContactProblem":
-        """Returns a problem with shorter touch-downs. Each ends `steps_after` time steps after its
-        onset."""
+        """Returns the same problem with shortened touch-downs. Each touch-down ends `steps_after`
+        time steps after its onset."""
         touches = tuple(t.until(int(t.onset) + steps_after) for t in self.data.touches)
         data = replace(self.data, touches=touches)
         return ContactProblem(self.model, data, self.priors, self.held, self.site)

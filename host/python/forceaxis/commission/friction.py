@@ -65,8 +65,7 @@ SOFT_RATIO = 1.6
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
-# Half of the force range divided by the friction under the workpiece.
-# Above this ratio of forces, the workpiece slides.
+# The workpiece slides if half of the force range exceeds its friction by this factor.
 SLIDE_FACTOR = 1.2
 
 # The following constants belong to directions(), which finds the friction of guide and gear.

@@ -36,7 +36,7 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings import signal_recording
 
 LEVEL = 0.05
-# A parameter is tested only if the measurement of today can detect this change of its logarithm.
+# A parameter is determined if a change of its logarithm by this value can be detected.
 TOLD_CHANGE = 0.5
 # Two parameters explain a change nearly equally well below this difference in chi-square.
 ALIKE_BELOW = 6.0
@@ -50,7 +50,7 @@ MOVED_MAX, SHARE_MIN = 3, 0.02
 LEAST_SHARE = 1e-6
 STEP_LOG = 1e-4
 # The window "hann" increases the variance of a sum over frequencies by this factor.
-# The window correlates the errors of neighbours by 2/3 and 1/6: 1 + 2 (2/3 + 1/6) = 8/3.
+# The window correlates neighbouring frequencies by 2/3 and 1/6: 1 + 2 (2/3 + 1/6) = 8/3.
 HANN_FACTOR = 8 / 3
 
 

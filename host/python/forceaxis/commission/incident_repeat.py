@@ -33,8 +33,9 @@ SCALE_KG, SCALE_N_S_PER_M = 1e-3, 10.0
 
 
 def files(incident: Incident, released: Released, fit: FittedCause) -> dict[str, str]:
-    """Returns {file name: text} of the model and the experiment. Returns no files if the incident
-    does not contain the command of the mode of operation."""
+    """Returns {file name: text} of the model and the experiment. Returns no files if the recorded
+    signals of the incident do not show the command of the axis, which depends on the mode of
+    operation."""
     command = _command(incident)
     if not command:
         return {}

@@ -42,8 +42,8 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# A fit is rejected beyond PRIOR_DISTANCE_MAX from the prior, in standard deviations.
-# The search is limited to the distance SEARCH_RANGE from the prior, in standard deviations.
+# PRIOR_DISTANCE_MAX: distance of a parameter from its prior beyond which a fit is rejected.
+# SEARCH_RANGE: largest distance that is searched. Both are in prior standard deviations.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
 # GRID_POINTS: number of start values of each nearly unknown parameter.
@@ -51,7 +51,7 @@ MODEL_ERROR = 0.01  # relative error of a model, which no change of its paramete
 # SEARCHES_MAX: number of best points of the grid from which a search begins.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# Largest difference of logarithms at which a frequency is near that of the limiting mode.
+# A frequency is near the limiting mode if their logarithms differ by less than this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse

@@ -19,7 +19,7 @@ from forceaxis.linear.posterior import Posterior
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
 # Smallest standard deviation of a prior that was read from a posterior.
-# The limit exists because a machine changes a little from day to day.
+# The prior must not be narrower, because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
 # Time step in s of a step response, and its number of time steps.
 # The step response reaches its peak within a few time constants.

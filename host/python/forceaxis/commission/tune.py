@@ -372,8 +372,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Returns the bandwidth of the filter bank divided by that of the P law. Returns None if the P
-    law keeps the margins with no gain."""
+    """Returns the bandwidth of the filter bank divided by that of the P law. Returns None if there
+    is no gain with which the P law keeps the margins."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None
@@ -716,7 +716,7 @@ class Tuning(TuningFolder):
         """Writes the request to the folder. If the request has changed, keeps the results of the
         steps that do not depend on the change. Raises InputError if the folder belongs to another
         axis."""
-        # The values get the same types as those from a file. For example, 30 becomes 30.0.
+        # The values of the request get the types of values from a file: 30 becomes 30.0.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, *map(self.axis.integer, AXIS_KEYS))

@@ -31,7 +31,7 @@ NOISE_SEED_MOST = 2**31 - 1
 UNIFORM = {"least", "most"}
 NORMAL = {"mean", "deviation", "least", "most"}
 SHAPES = "a value, { least, most } (uniform) or { mean, deviation, least, most } (normal)"
-# Smallest probability of a normal distribution between its limits that is accepted.
+# A normal distribution must have at least this probability between its limits.
 LEFT_LEAST = 1e-6
 
 _SET = FormatKey(

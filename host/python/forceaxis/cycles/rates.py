@@ -109,7 +109,7 @@ class GoodRates:
 
     counts: PartCounts
     refused: Share  # proportion of refused parts among the parts with the verdict good or bad
-    limits: Share  # proportion of these parts whose cycle did not end as its program intends
+    limits: Share  # proportion of parts whose cycle did not end as its program intends
     elements: list[ElementRefusals]
 
 
@@ -130,7 +130,7 @@ class BadRates:
     weight: float
     counts: PartCounts
     passed: Share  # proportion of accepted parts among the parts with the verdict good or bad
-    limits: Share  # proportion of these parts whose cycle ended as its program intends
+    limits: Share  # proportion of parts whose cycle ended as its program intends
     elements: list[ElementPasses]
 
 
@@ -278,7 +278,7 @@ def bad_kinds(files: Sequence[Parts]) -> list[Kind]:
 
 
 def _drawn(group: str, kinds: Sequence[Kind], seed: int, count: int) -> Group:
-    """Draws the parts of a group. Their outcomes are still missing."""
+    """Draws the parts of a group at random. The parts are not simulated here."""
     parts = [draw(kinds, group, seed, i) for i in range(count)]
     return Group(group, sum(kind.weight for kind in kinds), parts, [])
 
