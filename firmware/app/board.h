@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_BOARD_H_
 #define FIRMWARE_APP_BOARD_H_
 
-/* Information about the board: the cause of the last reset, read at power-up, and the errors that
- * the board detects in a tick. */
+/* Information about the board: the cause of the last reset, which is read at power-up, and the
+ * errors of the board that are detected in a tick. */
 
 #include "firmware/app/fw_state.h"
 
@@ -26,9 +26,9 @@ void board_show_reset(fw_t *fw);
  * fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* Accepts two times of a tick in us: how long the tick took, and how late it began. For several
- * ticks, pass the largest values. tick_time_max and tick_late_max keep the largest values. Call
- * fw_tick_times() between two ticks. */
+/* Accepts two times of a tick in us: its duration, and the delay with which it began. For several
+ * ticks, pass the largest duration and the largest delay. tick_time_max and tick_late_max keep the
+ * largest values. Call fw_tick_times() between two ticks. */
 void fw_tick_times(fw_t *fw, uint16_t time_us, uint16_t late_us);
 
 #endif

@@ -121,8 +121,8 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
   fw_t *fw = fw_of(objects);
   if (object == AXIS_OBJ_CONTROLWORD) {
     if (fw->drive.cycle.state == CYCLE_ENDED) {
-      serve_cycle(fw); /* The result of the last part must be complete before the next cycle
-                        * starts. */
+      /* The result of the last pressed part must be complete before the next cycle starts. */
+      serve_cycle(fw);
     }
     results_follow(fw);
     ownership_command(fw, source, (uint16_t)previous, (uint16_t)value);
@@ -267,8 +267,8 @@ static uint32_t domain_read(const dictionary_t *objects, uint16_t index, uint32_
                                      : recorder_bytes(&fw->recorder, offset, bytes, count);
 }
 
-/* For each block of objects: the offset of the values, the function that checks a write, and the
- * function that acts on a write. */
+/* Table for the object dictionary. For each block of objects it has the offset of the values, the
+ * function that checks a write, and the function that acts on a write. */
 static const dictionary_owner_t owner = {
     .blocks =
         {
@@ -379,7 +379,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   }
 }
 
-/* Increases a counter by `by`, at most to UINT16_MAX. */
+/* Increases the counter *counter by `by`. The counter saturates at UINT16_MAX. */
 static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
@@ -417,8 +417,8 @@ static void execute_reset(fw_t *fw) {
       cycle_mode_is_busy(&fw->drive)) {
     return;
   }
-  /* On a chip, loading the parameters takes longer than a tick, so the axis is disabled before a
-   * reset of the node. */
+  /* On a chip, the load of the parameters takes longer than a tick. So the axis is disabled before
+   * a reset of the node. */
   if (fw->canopen.reset == CANOPEN_RESET_NODE &&
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);

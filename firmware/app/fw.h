@@ -79,8 +79,8 @@ void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
-/* CAN. fw_can_receive() accepts a received frame before the tick that processes this frame.
- * fw_can_transmit() returns a frame to send; the result false means that there is no frame.
+/* Functions for CAN. fw_can_receive() accepts a received frame before the tick that processes this
+ * frame. fw_can_transmit() gives the next frame to send, or returns false if there is no frame.
  * fw_can_lost() accepts the number of lost frames, and fw_can_bus() accepts each new state of the
  * bus (CAN_BUS_). */
 void fw_can_receive(fw_t *fw, const can_frame_t *frame);
@@ -93,18 +93,20 @@ void fw_can_bus(fw_t *fw, uint8_t state);
  * were queued before. */
 uint16_t fw_can_kbit_s(const fw_t *fw);
 
-/* Modbus RTU. fw_modbus_receive() accepts received bytes. fw_modbus_transmit() writes at most
- * `room` bytes to send into `bytes` and returns the number of these bytes, or 0. */
+/* Functions for Modbus RTU. fw_modbus_receive() accepts received bytes. fw_modbus_transmit() writes
+ * at most `room` bytes that must be sent into `bytes`, and returns the number of these bytes, or
+ * 0. */
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
-/* Reports a late tick (`missed` is 0) or `missed` ticks that did not run. `overruns` counts each of
- * these ticks. tick_count and the timers of the CANopen node (canopen_missed()) advance by the
- * missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
+/* Reports to the firmware a late tick (`missed` is 0), or `missed` ticks that did not run. The
+ * signal overruns counts each of these ticks. tick_count and the timers of the CANopen node
+ * (canopen_missed()) advance by the missed ticks. Call fw_overrun() after fw_between(), not in the
+ * interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* The code for the board reads and writes objects with these functions, which return what
- * dictionary_read() and dictionary_write() return. If the firmware is on no bus, a write to an
+/* The code for the board reads and writes objects with these two functions. They return the same
+ * results as dictionary_read() and dictionary_write(). If the firmware is on no bus, a write to an
  * object that belongs neither to the axis nor to the recorder starts the drive. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);

@@ -1,7 +1,8 @@
 #ifndef FIRMWARE_APP_FW_STATE_H_
 #define FIRMWARE_APP_FW_STATE_H_
 
-/* The state of the firmware (fw.h), which all files of this folder share, and its configuration. */
+/* The state of the firmware (fw.h) and its configuration. All files of this folder share this
+ * state. */
 
 #include <stdint.h>
 
@@ -23,13 +24,13 @@
 #include "firmware/storage/slots.h"
 #include "firmware/storage/store.h"
 
-/* Emergency messages that are no fault of the axis. store_failed: at power-up the stored parameter
- * set is not active or is not the newest set; the first manufacturer byte is store_state.
- * source_lost: the owner was lost and abort_connection_option selects no fault. FF01h to FF04h are
- * sent immediately and are then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated,
- * limit_cycle and overruns still count. FF07h watchdog_reset, 6000h core_fault and 5110h
- * brownout_reset report the reset before this power-up: the first manufacturer byte is reset_cause,
- * and the next four bytes are core_fault_pc. */
+/* Emergency messages about events that are no fault of the axis. store_failed: at power-up the
+ * stored parameter set is not active or is not the newest set; the first manufacturer byte is
+ * store_state. source_lost: the owner was lost and abort_connection_option selects no fault. FF01h
+ * to FF04h are sent immediately and are then inhibited for FW_HOLD_TICKS; contact_losses,
+ * force_saturated, limit_cycle and overruns still count. FF07h watchdog_reset, 6000h core_fault and
+ * 5110h brownout_reset report the reset before this power-up: the first manufacturer byte is
+ * reset_cause, and the next four bytes are core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* Registers of the processor core at its last fault. The board keeps these values over the
@@ -45,10 +46,12 @@ typedef struct {
 /* The two slots of a board whose firmware can be updated in operation (update.h). */
 typedef struct {
   const store_memory_t *memory; /* flash memory with one sector for each slot */
-  uint32_t address[SLOTS];      /* address for which the image of each slot is linked */
-  const char *board;            /* name of the board in an update, 16 bytes, filled with zeros */
-  void (*restart)(void);        /* restarts the chip through its loader; does not return */
-  uint8_t running;              /* number of the slot with the running image, which has a trailer */
+  uint32_t address[SLOTS];      /* for each slot, the address for which its image is linked */
+  /* name of the board that an update must contain; 16 bytes, filled with zeros */
+  const char *board;
+  /* function that restarts the chip through its loader; it does not return */
+  void (*restart)(void);
+  uint8_t running; /* number of the slot with the running image, which has a trailer */
 } fw_slots_t;
 
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
@@ -60,7 +63,7 @@ enum { FW_NODE_ID_BY_LSS = 255 };
 
 /* Configuration of the firmware for fw_init(). If all fields are 0, the axis is on no bus. */
 typedef struct {
-  /* buffer of the recorder, which needs no alignment and must outlive the firmware; NULL is
+  /* buffer of the recorder. It needs no alignment, and it must outlive the firmware. NULL is
    * permitted if recorder_bytes is 0 */
   void *recorder_buffer;
   uint32_t recorder_bytes;
@@ -71,11 +74,12 @@ typedef struct {
   const store_memory_t *memory; /* memory of the parameter store; NULL if no parameter is stored */
   /* memory of the archive; NULL if no incident is kept over a power cut */
   const store_memory_t *archive;
-  /* text of hardware_version, which must outlive the firmware; NULL selects the text "none" */
+  /* text of the object hardware_version. It must outlive the firmware. NULL selects the text
+   * "none" */
   const char *hardware;
   uint32_t serial_number;
-  /* bit rate of the Modbus serial line in bit/s, which determines the silent interval that ends a
-   * frame; 0 selects MODBUS_BAUD_DEFAULT */
+  /* bit rate of the Modbus serial line in bit/s. It determines the silent interval that ends a
+   * frame. 0 selects MODBUS_BAUD_DEFAULT */
   uint32_t modbus_baud;
   /* CANopen node id and number of the Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1
    * if no id is stored. FW_NODE_ID_BY_LSS: the axis uses stored_node_id, or has no id until an LSS
@@ -86,16 +90,16 @@ typedef struct {
    * power-up sets the bit POWER, and may also set BROWN_OUT and PIN. A fault of the processor core
    * sets SOFTWARE. */
   uint8_t reset_cause;
-  /* text of software_version, which must outlive the firmware; NULL selects FW_VERSION and the hash
-   * of the object table */
+  /* text of the object software_version. It must outlive the firmware. NULL selects FW_VERSION and
+   * the hash of the object table */
   const char *software;
   /* set of the CAN bit rates that the board supports (lss.h); 0 permits all bit rates */
   uint16_t bit_rates;
   /* largest value of dac_bits, 12 to 16, that the DAC of the board can output; 0 permits 16. A
    * drive on a bus has no such limit */
   uint8_t dac_bits;
-  /* registers at the fault of the processor core that caused the last reset; NULL without such a
-   * fault */
+  /* registers of the processor core at the fault of the core that has caused the last reset; NULL:
+   * no fault of the core has caused it */
   const fw_core_fault_t *core_fault;
   /* memory for cycle programs: a staging area of CYCLE_PROGRAM_BYTES_MAX bytes, then the library.
    * Its address is a multiple of 4, and it must outlive the firmware. NULL: no program can be
@@ -132,13 +136,13 @@ typedef struct {
   results_counts_t counts;
   results_counts_t stored; /* counts that the parameter store has or is about to write */
   uint32_t given_tick; /* tick in which the parameter store was last asked to write the counts */
-  uint32_t starts;     /* value of cycle_count for the last cycle that has got a serial
-                        * number */
+  /* value of cycle_count for the last cycle to which a serial number was assigned */
+  uint32_t starts;
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
   uint8_t changed;                     /* 1 if `counts` differ from `stored` */
   uint8_t urgent;                      /* 1 if the counts must be stored at once */
   uint8_t has_power_up;                /* 1 if the number of this power-up is stored */
-  uint8_t is_loaded;                   /* 1 once the counts were read from the store */
+  uint8_t is_loaded;                   /* 1 after the counts were read from the parameter store */
 } results_t;
 
 typedef struct {
@@ -169,7 +173,7 @@ typedef struct {
   uint8_t reported[FW_HELD];
   /* state of contact, force law and calibration at the last call of reports_contact() */
   uint8_t contact_seen;
-  /* 1 while the tare measurement writes force_tare, which does not reset the date 1020h */
+  /* 1 while the tare measurement writes force_tare. This write does not reset the date 1020h */
   uint8_t tare_is_written;
   uint8_t on_serial;    /* 1 while a write from the serial line is executed */
   uint8_t owner_on_can; /* 1 if the owner reaches the axis over CAN (ownership.h) */

@@ -39,8 +39,8 @@ static void start(fw_t *fw) {
   blackbox_start(fw->config.blackbox, channels, recording_channel(fw, AXIS_OBJ_ERROR_CODE));
 }
 
-/* Starts or stops the black box, which records while blackbox_option is `on` and the recorder does
- * not use the buffer. Returns the state of the black box. */
+/* Starts or stops the black box. It records while blackbox_option is `on` and the recorder does not
+ * use the buffer. Returns the state of the black box. */
 static uint8_t keep_recording(fw_t *fw) {
   blackbox_t *blackbox = fw->config.blackbox;
   const bool is_used = fw->recorder.signals.recorder_state != AXIS_RECORDER_STATE_IDLE;
@@ -86,7 +86,7 @@ void incident_serve(fw_t *fw) {
   uint8_t state = AXIS_BLACKBOX_STATE_COMPLETING;
   bool complete = false;
   if (archive_is_loading(&fw->archive)) {
-    /* The archive uses the buffer. */
+    /* The archive uses the buffer now, so the black box does not record. */
   } else if (!blackbox_has_incident(blackbox)) {
     state = keep_recording(fw);
   } else if (blackbox_check(blackbox)) {

@@ -1,10 +1,10 @@
 #ifndef FIRMWARE_APP_INCIDENT_H_
 #define FIRMWARE_APP_INCIDENT_H_
 
-/* The signals and objects of the black box (core/blackbox.h). The black box records only if the
- * axis is on a bus, and only while the recorder is idle. If a recording is armed, an incident in
- * the black box is discarded, and the recorder uses the buffer until recorder_arm becomes 0. The
- * archive (archive.h) keeps an incident over a power cut. */
+/* Functions for the signals and objects of the black box (core/blackbox.h). The black box records
+ * only if the axis is on a bus, and only while the recorder is idle. If a recording is armed, an
+ * incident in the black box is discarded, and the recorder uses the buffer until recorder_arm
+ * becomes 0. The archive (archive.h) keeps an incident over a power cut. */
 
 #include "firmware/app/fw_state.h"
 
@@ -30,8 +30,8 @@ static inline bool incident_samples(const fw_t *fw) {
          state == AXIS_RECORDER_STATE_RECORDING;
 }
 
-/* Starts and updates the black box and its signals, and computes the CRC of an incident in small
- * steps, in 1.2 s altogether. Call incident_serve() in fw_between(). */
+/* Starts and updates the black box and its signals. Also computes the CRC of an incident in small
+ * steps, which take 1.2 s together. Call incident_serve() in fw_between(). */
 void incident_serve(fw_t *fw);
 
 /* Call incident_yield() when a recording was armed: the black box stops, and the recorder uses the

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_LAW_H_
 #define FIRMWARE_APP_LAW_H_
 
-/* Objects of the force law in the object dictionary: the banks and the certificates of the
- * banks. */
+/* Functions for the objects of the force law in the object dictionary: the filter banks and the
+ * certificates of the banks. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -18,9 +18,9 @@ void law_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t
 /* Updates the force law after a write to adc_bits. */
 void law_adc_written(fw_t *fw);
 
-/* Compares the certificates of the banks with the present settings. Without a matching certificate
- * the drive restricts the force law. Call law_certify() after a write to any object on which a
- * certificate depends. */
+/* Compares the certificates of the banks with the present settings. If there is no matching
+ * certificate, the drive restricts the force law. Call law_certify() after a write to any object on
+ * which a certificate depends. */
 void law_certify(fw_t *fw);
 
 /* Updates the force law after the stored parameters were loaded. Returns false if the selected

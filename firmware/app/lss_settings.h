@@ -14,10 +14,10 @@
  * Returns FW_OK or FW_ERROR_RANGE. */
 int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value);
 
-/* Initialise the LSS settings at power-up. lss_settings_begin() runs before the stored parameters
- * are loaded and sets the node id of the configuration fw_config_t. lss_settings_load() runs after
- * the load and sets the active node id and the bit rate; the function returns false if the stored
- * parameter set is damaged. */
+/* Functions that initialise the LSS settings at power-up. lss_settings_begin() is called before the
+ * stored parameters are loaded, and sets the node id of the configuration fw_config_t.
+ * lss_settings_load() is called after the load, and sets the active node id and the bit rate. It
+ * returns false if the stored parameter set is damaged. */
 void lss_settings_begin(fw_t *fw);
 bool lss_settings_load(fw_t *fw);
 
@@ -25,9 +25,10 @@ bool lss_settings_load(fw_t *fw);
  * LSS has configured. Returns false if the stored parameter set is damaged. */
 bool lss_settings_reset_communication(fw_t *fw);
 
-/* lss_settings_serve() serves LSS requests. If the bit rate is being changed, it also reduces the
- * switch delay (CiA 305), in which the node neither sends nor receives, by `ticks` ticks. Call
- * lss_settings_serve() in fw_between() if lss_settings_pending() returns true. */
+/* lss_settings_serve() serves LSS requests. During a change of the bit rate it also reduces the
+ * remaining switch delay (CiA 305) by `ticks` ticks; the node neither sends nor receives in the
+ * switch delay. Call lss_settings_serve() in fw_between() if lss_settings_pending() returns
+ * true. */
 static inline bool lss_settings_pending(const fw_t *fw) {
   return fw->canopen.lss.silence != 0 || fw->canopen.lss.store == LSS_STORE_REQUESTED;
 }

@@ -20,7 +20,7 @@ static bool may_acquire(const fw_t *fw, uint8_t source, int32_t value) {
          fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* Returns true if the firmware would detect that the owner no longer responds. */
+/* Returns true if the firmware would detect that the owner of the axis no longer responds. */
 static bool is_watched(const fw_t *fw) {
   return fw->device.command_source != AXIS_COMMAND_SOURCE_CANOPEN ||
          canopen_is_watched(&fw->canopen);
@@ -30,8 +30,8 @@ static bool is_held(const fw_t *fw) {
   return fw->drive.signals.stopped_by != AXIS_STOPPED_BY_NOBODY;
 }
 
-/* Returns true if the axis must not be enabled, because the loss of the owner would not be
- * detected. This is also true for an owner behind a gateway that is already lost. */
+/* Returns true if the axis must not be enabled, because a loss of the owner would not be detected.
+ * Also returns true if the owner is behind a gateway and this gateway is already lost. */
 static bool is_enabling_unsafe(const fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
     return fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED && !is_watched(fw);
@@ -64,16 +64,17 @@ static bool is_writable(const fw_t *fw, const axis_object_t *entry) {
   }
 }
 
-/* Returns true if this write would start the axis. Programming the flash can stall the processor,
- * so the axis must not start while the parameter store is working or an update is written. */
+/* Returns true if a write of `value` to `object` would start the axis. Programming the flash can
+ * stall the processor, so the axis must not start while the parameter store is working or an update
+ * is written. */
 static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
   return !cia402_is_powered(fw->drive.signals.drive_state) &&
          ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
           (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED));
 }
 
-/* Returns true if this write would change a value that must not change while a cycle runs. A
- * command has no value, so it is always treated as a change. */
+/* Returns true if a write of `value` to `object` would change a value that must not change while a
+ * cycle runs. A command has no value, so a command is always treated as a change. */
 static bool is_fixed(const fw_t *fw, uint16_t object, int32_t value) {
   int32_t present = 0;
   return axis_objects[object].in_cycle == AXIS_IN_CYCLE_REFUSED &&
@@ -130,7 +131,7 @@ static void warn(fw_t *fw) {
   }
 }
 
-/* Executes a controlword of the owner or of FW_SOURCE_LOCAL. */
+/* Executes a controlword that the owner of the axis or FW_SOURCE_LOCAL has written. */
 static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
   const bool is_local = source == FW_SOURCE_LOCAL;
   const bool enables = !is_local && cia402_would_enable(&fw->drive, controlword);
@@ -203,8 +204,8 @@ static void release_to_canopen(fw_t *fw) {
   canopen_owns(&fw->canopen);
 }
 
-/* Checks an axis that is released to canopen. The drive reacts as after the loss of its owner if
- * the CANopen master is lost, or if a loss of this master would never be detected. */
+/* Checks the CANopen master after the axis was released to canopen. If this master is lost, or if
+ * its loss would never be detected, the drive reacts as after the loss of the owner. */
 static void check_canopen(fw_t *fw) {
   uint8_t fault = canopen_lost_for(&fw->canopen);
   if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {
@@ -237,7 +238,7 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
   if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
     return;
   }
-  fw->source_silence = 0; /* The watchdog of the new owner begins. */
+  fw->source_silence = 0; /* The watchdog of the new owner starts again. */
   if (!will_be_active(fw)) {
     cia402_forget_targets(&fw->drive); /* The new owner of the axis must write its own targets. */
   }
@@ -254,8 +255,8 @@ bool ownership_ends(const fw_t *fw, uint8_t lost) {
   return fw->owner_on_can != 0 && (lost & fx_bit(fw->device.command_source)) != 0;
 }
 
-/* The CANopen node reports the loss of a heartbeat only once. If the axis was enabled after this
- * loss, the owner is treated as lost here. */
+/* If the axis was enabled after the loss of a heartbeat, treats the owner as lost. This is needed,
+ * because the CANopen node reports the loss of a heartbeat only once. */
 void ownership_watch_canopen(fw_t *fw) {
   if (fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);

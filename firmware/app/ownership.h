@@ -43,16 +43,17 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
 
 /* Handles a new controlword of a source; `previous` is the old controlword. A source that does not
  * own the axis can only stop the axis with a controlword (cia402_stop()), and the controlword of
- * the owner stays active. After such a stop, a controlword with which the owner would enable the
- * axis can also only stop the axis. */
+ * the owner stays active. After such a stop, a controlword of the owner that would enable the axis
+ * also only stops the axis. */
 void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword);
 
 /* Call ownership_disabled() when a source has written the native mode `disabled`, before the axis
  * is disabled. */
 void ownership_disabled(fw_t *fw, uint8_t source);
 
-/* Stops an axis that a bus other than CANopen owns, because of an NMT command or bus off on CAN.
- * Raises the fault `fault` (AXIS_FAULT_) if abort_connection_option selects a fault. */
+/* Stops an axis whose owner is not canopen. Call ownership_stopped() after an NMT command that
+ * stops the node, or after bus off on CAN. Raises the fault `fault` (AXIS_FAULT_) if
+ * abort_connection_option selects a fault. */
 void ownership_stopped(fw_t *fw, uint8_t fault);
 
 /* Acts on an accepted write to a parameter of the device, for example command_source or
@@ -74,7 +75,7 @@ void ownership_lost(fw_t *fw, uint8_t fault);
  * bits. */
 bool ownership_ends(const fw_t *fw, uint8_t lost);
 
-/* Steps of ownership_tick(). */
+/* The following functions are the steps of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);
 /* Ends the warning about an unsupervised owner when the loss of the owner would be detected
  * again. */
@@ -82,7 +83,8 @@ void ownership_watch_warning(fw_t *fw);
 void ownership_time_out(fw_t *fw);
 
 /* Call ownership_tick() once in each tick, before the drive is computed. An owner other than
- * canopen loses the axis if it has written nothing for longer than the time `watchdog`. */
+ * canopen loses the axis if it has written nothing for longer than the time in the object
+ * watchdog. */
 static inline void ownership_tick(fw_t *fw) {
   const uint8_t owner = fw->device.command_source;
   if (owner == AXIS_COMMAND_SOURCE_CANOPEN) {

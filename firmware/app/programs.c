@@ -13,7 +13,7 @@ _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons 
 
 enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
 
-/* Writes the state of the library and of the selected program to the signals. */
+/* Writes the state of the library and of the selected cycle program to the signals. */
 static void show_programs(fw_t *fw) {
   const cycle_header_t *program = fw->drive.program;
   fw->device_signals.cycle_program_crc = (program == NULL) ? 0 : cycle_program_crc(program);
@@ -25,13 +25,14 @@ static void show_check(fw_t *fw, cycle_check_t check) {
   fw->device_signals.cycle_program_refused_part = check.number;
 }
 
-/* Passes the bytes of the library to the parameter store. */
+/* Passes the bytes of the library of cycle programs to the parameter store. */
 static void give_programs(fw_t *fw, bool changed) {
   store_part_set(&fw->store, STORE_PROGRAMS, (store_part_t){fw->library.records, fw->library.used},
                  changed);
 }
 
-/* Loads the stored programs. The library has room for all bytes that the store can have. */
+/* Loads the stored cycle programs into the library. The library has room for all bytes that the
+ * parameter store can contain. */
 static void load_programs(fw_t *fw) {
   cycle_library_t *library = &fw->library;
   const uint32_t most = store_programs_max(&fw->store);

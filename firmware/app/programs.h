@@ -16,7 +16,8 @@
 
 #include "firmware/app/fw_state.h"
 
-/* Longest time in ticks between two pieces of a program: 5 s, as in an SDO transfer. */
+/* Longest time in ticks between two pieces of a cycle program: 5 s, the same time as in an SDO
+ * transfer. */
 enum { PROGRAMS_SILENCE_TICKS = 7500 };
 
 /* Sets the state at power-up, after store_load(): the library has the stored programs, and no
@@ -34,9 +35,9 @@ cycle_check_t programs_select(fw_t *fw, const cycle_header_t *program);
 /* Executes the command cycle_program_remove or cycle_data_end. */
 int programs_command(fw_t *fw, uint16_t object, uint32_t value);
 
-/* The functions of the dictionary for a download (firmware/objects/access.h). An update of the
- * firmware (update.h) uses the same transfers; its bytes go to the flash and not into the staging
- * area. */
+/* Functions that the dictionary calls for a download (firmware/objects/access.h). An update of the
+ * firmware (update.h) uses the same transfers, but its bytes are programmed into the flash and not
+ * copied into the staging area. */
 uint32_t programs_download_most(const dictionary_t *objects, uint16_t index);
 int programs_download_begin(dictionary_t *objects, uint8_t source, uint16_t index, uint32_t size);
 int programs_download_append(dictionary_t *objects, uint32_t offset, const uint8_t *bytes,

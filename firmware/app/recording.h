@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_RECORDING_H_
 #define FIRMWARE_APP_RECORDING_H_
 
-/* Objects of the recorder: the selection of the recorded signals, and the completed recording as a
- * CANopen domain. */
+/* Functions for the objects of the recorder: the selection of the recorded signals, and the
+ * completed recording as a CANopen domain. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -13,8 +13,8 @@
  * the address of an object that has a value. Returns FW_OK or FW_ERROR_RANGE. */
 int recording_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns the recorder channel that records an object: the offset and the type of the object's
- * value. */
+/* Returns the recorder channel with which an object is recorded: the offset and the type of the
+ * value of the object. */
 recorder_channel_t recording_channel(const fw_t *fw, uint16_t object);
 
 /* recording_is_without_drive() returns true if a firmware on no bus can serve this object while the
@@ -27,7 +27,8 @@ bool recording_needs_drive(const fw_t *fw);
  * FW_OK or FW_ERROR_RANGE. */
 int recording_command(fw_t *fw, bool arm);
 
-/* Returns the size of the completed recording in bytes, or FW_ERROR_NO_DATA. */
+/* Returns the size of the completed recording in bytes, or FW_ERROR_NO_DATA if there is no
+ * completed recording. */
 int32_t recording_size(const fw_t *fw);
 
 #endif

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_REPORTS_H_
 #define FIRMWARE_APP_REPORTS_H_
 
-/* Emergency messages about contact, overruns and the parameter store, which are no faults of the
- * axis. */
+/* Emergency messages about the contact, overruns and the parameter store. These events are no
+ * faults of the axis. */
 
 #include <stdint.h>
 
@@ -22,7 +22,8 @@ enum {
   REPORTS_EXPIRED = 128
 };
 /* The value of reports_contact_seen() also contains the number of gain halvings, at most
- * TOUCH_HALVINGS. REPORTS_HALVED is the factor of this number, REPORTS_HALVINGS is its bit mask. */
+ * TOUCH_HALVINGS. REPORTS_HALVED is the factor with which this number is multiplied, and
+ * REPORTS_HALVINGS is its bit mask. */
 enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;

@@ -6,7 +6,7 @@
 #include "firmware/fx/bytes.h"
 
 _Static_assert(sizeof(results_counts_t) == STORE_COUNTS_BYTES, "the stored counts");
-/* The value of cycle_result_verdict is 1 more than the verdict of the evaluation element
+/* The value of the object cycle_result_verdict is 1 more than the verdict on the evaluation element
  * (CYCLE_GOOD and so on). */
 _Static_assert(AXIS_CYCLE_RESULT_VERDICT_GOOD == CYCLE_GOOD + 1 &&
                    AXIS_CYCLE_RESULT_VERDICT_COUNT == CYCLE_VERDICTS + 1,
@@ -70,7 +70,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Clears a result: its number becomes 0, which means that it belongs to no part. */
+/* Clears a result. Its number becomes 0, which means that the result belongs to no part. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;
@@ -115,7 +115,7 @@ void results_init(fw_t *fw) {
   }
 }
 
-/* Reads the counts of parts that the axis stored in an earlier power-up. */
+/* Reads the counts of parts that were stored before this power-up. */
 static void take_stored(fw_t *fw) {
   results_counts_t *counts = &fw->results.counts;
   if (store_part_bytes(&fw->store, STORE_COUNTS) == sizeof(*counts)) {

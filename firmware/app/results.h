@@ -22,7 +22,8 @@
  * parameter store lasts for years (storage/store.h). */
 enum { RESULTS_STORE_TICKS = 900000 };
 
-/* Sets the state at power-up, not at a reset of the node: no result waits. */
+/* Sets the state of the results at power-up: no result waits. Do not call results_init() at a reset
+ * of the node. */
 void results_init(fw_t *fw);
 
 /* Reads the counts of parts from the parameter store. Call this function after each
@@ -44,7 +45,7 @@ int results_unlock(fw_t *fw);
 void results_follow(fw_t *fw);
 
 /* Call results_serve() between ticks while the axis has programs, after the samples of the cycle
- * were evaluated. `ended` means that the cycle has just ended. */
+ * were evaluated. `ended` is true if the cycle has just ended. */
 void results_serve(fw_t *fw, bool ended);
 
 /* Writes to the signal cycle_store_state whether the cycle programs and the counts of parts are

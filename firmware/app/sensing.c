@@ -6,8 +6,8 @@
 static int calibrate(fw_t *fw) {
   drive_signals_t *signals = &fw->drive.signals;
   if (store_is_busy(&fw->store)) {
-    /* The calibration writes stored parameters. Such writes are refused while the store is
-     * working. */
+    /* The calibration writes stored parameters. Such writes are refused while the parameter store
+     * is working. */
     return FW_ERROR_BUSY;
   }
   uint32_t force_scale = 0;
@@ -49,7 +49,8 @@ static uint8_t write_tare(fw_t *fw) {
   switch (refusal) {
     case FW_OK:
       return AXIS_TARE_STATE_DONE;
-    case FW_ERROR_RANGE: /* This happens if tare_band was reduced after the tare measurement. */
+    /* The range is exceeded if tare_band was reduced after the tare measurement. */
+    case FW_ERROR_RANGE:
       return AXIS_TARE_STATE_REFUSED_BAND;
     default:
       return AXIS_TARE_STATE_REFUSED_ENABLED;

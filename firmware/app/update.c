@@ -7,7 +7,7 @@
 
 enum { HEAD_CRC_BYTES = offsetof(update_head_t, head_crc), BOARD_BYTES = 16, WORD = 4 };
 
-/* Numbers of errors that bits 1 to 7 of program_flash_status show (CiA 302-3). */
+/* Error numbers in bits 1 to 7 of the object program_flash_status (CiA 302-3). */
 enum { FORMAT_UNKNOWN = 4, FORMAT = 6, WRITE_FAILED = 10, ADDRESS = 12, SECURED = 14 };
 
 _Static_assert(UPDATE_HEAD_BYTES == 64, "read by other programs");

@@ -22,7 +22,8 @@
 #include "firmware/app/fw_state.h"
 
 enum {
-  UPDATE_RESTART_TICKS = 150,   /* time from the command until the chip restarts: 100 ms */
+  /* number of ticks from the command until the chip restarts: 100 ms */
+  UPDATE_RESTART_TICKS = 150,
   UPDATE_CONFIRM_TICKS = 15000, /* 10 s; time without an overrun before an image may be confirmed */
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
@@ -30,8 +31,8 @@ enum {
 /* First word of the head of an update. */
 #define UPDATE_MAGIC UINT32_C(0x55584146) /* "FAXU" */
 
-/* update_init() sets the state at power-up. update_show() shows the images after a reset of the
- * node or of its communication. */
+/* update_init() sets the state at power-up. update_show() writes the state of the images to the
+ * signals, after a reset of the node or of its communication. */
 void update_init(fw_t *fw);
 void update_show(fw_t *fw);
 
@@ -56,7 +57,7 @@ int update_end(fw_t *fw);
 /* Ends an update in progress, because another download begins. */
 static inline void update_abandon(fw_t *fw) { fw->update.is_receiving = 0; }
 
-/* Executes the command program_control. */
+/* Executes a command that was written to the object program_control. */
 int update_command(fw_t *fw, uint32_t value);
 
 /* Call update_serve() between two ticks. It restarts the chip after the command for a restart. */

@@ -6,15 +6,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* The head of an update, in front of the image; numbers are little-endian. */
+/* The head of an update. It is in front of the image, and its numbers are little-endian. */
 typedef struct {
-  uint32_t magic;          /* UPDATE_MAGIC */
+  uint32_t magic;          /* first word of the head, UPDATE_MAGIC */
   uint32_t address;        /* address for which the image is linked */
   uint32_t length;         /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */
   uint32_t table;          /* AXIS_OBJECTS_HASH32 (hash of the object table) of the image */
   uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axes that may receive this update */
-  char board[16];          /* name of the board, as in identity.h */
+  char board[16];          /* name of the board for which the image was built, as in identity.h */
   char version[16];
   uint32_t unused;
   uint32_t head_crc; /* CRC-32 of all bytes of the head before this field */
@@ -26,7 +26,7 @@ typedef struct {
   update_head_t head;
   uint32_t size; /* size of the update in bytes that the client has announced; 0: not announced */
   uint32_t received;     /* number of received bytes of the update */
-  uint32_t crc;          /* CRC-32 of the bytes of the image programmed so far */
+  uint32_t crc;          /* CRC-32 of those bytes of the image that were programmed so far */
   uint32_t tick;         /* tick in which the last bytes were received */
   uint32_t sequence;     /* sequence number of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */

@@ -60,8 +60,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* If too many messages wait, the oldest message is discarded: the history keeps its error, and
-     * the latest message shows the present state. */
+    /* If too many emergency messages wait, the oldest message is discarded. Its error remains in
+     * the error history, and the latest message shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];

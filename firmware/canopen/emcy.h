@@ -25,8 +25,8 @@
 #include "firmware/canopen/state.h"
 
 /* Adds an emergency message to the waiting messages, which are sent at the end of a tick. If too
- * many messages wait, the oldest message is discarded: the history keeps its error, and the latest
- * message shows the present state. */
+ * many messages wait, the oldest message is discarded. Its error remains in the error history, and
+ * the latest message shows the present state. */
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 static inline void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise_detailed(canopen, code, info, 0);

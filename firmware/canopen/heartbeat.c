@@ -43,7 +43,8 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
 }
 
 void heartbeat_missed(canopen_t *canopen, uint8_t i) {
-  /* The node was not lost before this time-out, because only a heartbeat starts the timer. */
+  /* The monitored node was not lost before this time-out, because only a heartbeat of the node
+   * starts the timer. */
   canopen_put(&canopen->heartbeats_lost, i);
   emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
              watched_node(canopen->params.consumer_heartbeat[i]));

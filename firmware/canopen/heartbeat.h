@@ -16,7 +16,8 @@ enum { HEARTBEAT_ID = 0x700, HEARTBEAT_ID_LAST = 0x77F };
 
 void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame);
 
-/* Acts on a missing heartbeat: the time of heartbeat consumer i has expired. */
+/* Acts on a missing heartbeat. Call this function when the time of heartbeat consumer i has
+ * expired. */
 void heartbeat_missed(canopen_t *canopen, uint8_t i);
 
 /* Acts on a change of the entry of heartbeat consumer i. The node in this entry is monitored from

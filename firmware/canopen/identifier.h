@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CANOPEN_IDENTIFIER_H_
 #define FIRMWARE_CANOPEN_IDENTIFIER_H_
 
-/* Checks whether two services of the node would use the same CAN identifier. */
+/* A check whether two services of the node would use the same CAN identifier. */
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -47,7 +47,7 @@ uint8_t lss_rate_of(uint32_t kbit_s);
  * that the board supports (0: all rates). */
 void lss_init(canopen_t *canopen, uint8_t node_id, bool fixed, uint8_t rate, uint16_t rates);
 
-/* Acts on a reset of communication: LSS changes to the state waiting. The configured node id and
+/* Acts on a reset of communication: LSS changes to the state `waiting`. The configured node id and
  * bit rate do not change. */
 void lss_restart(canopen_t *canopen);
 

@@ -157,8 +157,8 @@ static void communication_error(canopen_t *canopen) {
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
   stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
-  take_output_lost(canopen); /* the lost frames are counted now, because the reset empties the
-                              * output queue */
+  /* Lost frames are counted now, because the reset empties the output queue. */
+  take_output_lost(canopen);
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
 }

@@ -26,7 +26,7 @@
 
 /* State of the axis as far as the node needs it in canopen_tick_end(). */
 typedef struct {
-  uint16_t error_code; /* AXIS_ERROR_CODE_ */
+  uint16_t error_code; /* error code of the drive, AXIS_ERROR_CODE_ */
   /* latched fault (AXIS_FAULT_), or fault that the present fault reaction will latch */
   uint8_t fault;
   uint8_t active; /* 1: a mode other than disabled is active */
@@ -37,7 +37,7 @@ typedef struct {
  * the node only answers LSS requests. */
 void canopen_init(canopen_t *canopen, uint8_t node_id);
 
-/* Starts the node; its first frame is the boot-up message. Call this function after power-up and
+/* Starts the node. Its first frame is the boot-up message. Call canopen_start() after power-up and
  * after every reset, when the stored parameters have been loaded. */
 void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
@@ -96,8 +96,8 @@ static inline bool canopen_has_reported(const canopen_t *canopen, uint16_t error
 
 /* Accounts for ticks that did not run because the processor was stalled. Call this function only
  * while canopen_is_behind() is false. A frame that was due in these ticks is sent once in the next
- * tick. Deadlines of reception are extended by the missed ticks, in which the node could not
- * receive frames. */
+ * tick. Deadlines for received frames are extended by the missed ticks, because the node could not
+ * receive frames in these ticks. */
 void canopen_missed(canopen_t *canopen, uint32_t ticks);
 
 /* Removes the next frame to send from the output queue. Returns false if there is no frame. */
@@ -116,7 +116,7 @@ uint8_t canopen_take_reset(canopen_t *canopen);
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
 /* Sets the bus state (CAN_BUS_) that the CAN controller reports. The node sends an emergency
- * message about each change of the state. With the state bus off all sources on the bus are
+ * message about each change of the state. If the state is bus off, all sources on the bus are
  * lost. */
 void canopen_bus(canopen_t *canopen, uint8_t state);
 

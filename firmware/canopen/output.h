@@ -60,8 +60,8 @@ static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uin
   return frame;
 }
 
-/* Removes the oldest frame from the queue and stores it in `frame`. Returns false if the queue is
- * empty. */
+/* Removes the oldest frame from the output queue and stores it in *frame. Returns false if the
+ * queue is empty. */
 bool can_output_take(can_output_t *output, can_frame_t *frame);
 
 #endif

@@ -110,7 +110,8 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   update_watched(canopen);
 }
 
-/* The 8 bytes that a TPDO would send now: the first four in `low`, the last four in `high`. */
+/* The 8 bytes that a TPDO would send now. `low` has the first four bytes, and `high` has the last
+ * four bytes. */
 typedef struct {
   uint32_t low;
   uint32_t high;
@@ -374,8 +375,8 @@ void pdo_axis_active(canopen_t *canopen) {
   canopen->rpdos_waiting = 0;
 }
 
-/* The objects of all RPDOs, or of all TPDOs if `transmit` is true. Both kinds of PDOs have the same
- * rules, so the same functions check them. */
+/* The objects of all RPDOs; if `transmit` is true, the objects of all TPDOs. The same rules apply
+ * to both kinds of PDOs, so the same functions check them. */
 typedef struct {
   const uint32_t *cob_id;
   const uint8_t *mapped;
@@ -451,8 +452,8 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
   return PDO_NOT_MINE;
 }
 
-/* Checks a write to the inhibit time or the SYNC start value of a TPDO, which may only change while
- * the TPDO is not valid. */
+/* Checks a write to the inhibit time or the SYNC start value of a TPDO. These values may only
+ * change while the TPDO is not valid. */
 static int check_tpdo_fixed(const canopen_params_t *params, uint16_t object, uint32_t value) {
   uint32_t present = 0;
   int i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);

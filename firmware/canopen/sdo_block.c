@@ -172,7 +172,7 @@ static void send_segment(canopen_t *canopen, const dictionary_t *objects, uint8_
       sdo_answer(canopen, number, (uint8_t)(server->sequence | (last ? LAST : 0)), 0, 0);
   if (frame != NULL) {
     sdo_read(canopen, objects, number, frame->data + 1, count);
-    /* A segment that is sent again is not added to the CRC a second time. */
+    /* If a segment is sent again, it is not added to the CRC a second time. */
     if (server->crc_end == server->offset) {
       server->crc = crc_of(server->crc, frame->data + 1, count);
       server->crc_end += count;

@@ -39,8 +39,8 @@ void sdo_block_download(const sdo_request_t *request);
  * request or an abort. */
 bool sdo_block_segment(const sdo_request_t *request);
 
-/* Sends segments of all servers in turn. Call this function once in each tick while
- * canopen->sdos_sending is not 0. */
+/* Sends segments of block uploads, of all SDO servers in turn. Call this function once in each tick
+ * while canopen->sdos_sending is not 0. */
 void sdo_block_tick(canopen_t *canopen, const dictionary_t *objects);
 
 #endif

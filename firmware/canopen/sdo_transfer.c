@@ -154,7 +154,7 @@ static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
   return (entry->type == AXIS_TYPE_U32) ? (uint32_t)value > (uint32_t)limit : value > limit;
 }
 
-/* Returns the most specific abort code of CiA 301 for a refused write. */
+/* Returns the abort code of CiA 301 that describes a refused write most exactly. */
 static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   const axis_object_t *entry = &axis_objects[object];
   if (refusal == FW_ERROR_RANGE) {

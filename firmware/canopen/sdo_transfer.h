@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_SDO_TRANSFER_H_
 #define FIRMWARE_CANOPEN_SDO_TRANSFER_H_
 
-/* Functions that segmented transfers and block transfers share: the identifiers of a server,
- * answers, aborts, the time-out, and access to the data of a transfer. */
+/* Functions that both segmented transfers and block transfers of an SDO server use. They concern
+ * the identifiers of a server, answers, aborts, the time-out, and the data of a transfer. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -50,7 +50,7 @@
 /* There is no complete recording and no curve, or the entry of the error history is empty. */
 #define SDO_ABORT_NO_DATA UINT32_C(0x08000024)
 
-/* Longest time in ms from one request of a client to its next request in a transfer. */
+/* Longest time in ms between two requests of a client in the same transfer. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
 enum { SDO_SEGMENT_BYTES = 7 };
@@ -61,7 +61,7 @@ typedef struct {
   dictionary_t *objects;
   sdo_server_t *server;
   const uint8_t *data; /* the 8 bytes of the request */
-  uint8_t number;      /* number of the server */
+  uint8_t number;      /* number of the SDO server */
 } sdo_request_t;
 
 /* Returns the number of the server whose requests have the identifier `id`, or CANOPEN_SDOS if no

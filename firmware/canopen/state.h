@@ -90,7 +90,7 @@ typedef struct {
    * a value in `data`; download: AXIS_ADDRESS_DOWNLOAD, or AXIS_ADDRESS_OBJECT for a value in
    * `data` */
   uint8_t what;
-  uint8_t state;      /* SDO_ */
+  uint8_t state;      /* state of the server, SDO_ */
   uint8_t toggle;     /* toggle bit of the next segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
   uint8_t replaced;   /* 1: a domain is being uploaded, and its bytes are lost */
@@ -112,8 +112,9 @@ typedef struct {
    * change of the bit rate, and again for this time after it */
   uint32_t delay_ticks;
   uint32_t ticks; /* number of remaining ticks of the present switch delay */
-  uint16_t rates; /* set of supported bit rates, one bit for each index; 0: all rates */
-  uint8_t rate;   /* index of the present bit rate */
+  /* set of the bit rates that the board supports, one bit for each index; 0: all bit rates */
+  uint16_t rates;
+  uint8_t rate; /* index of the present bit rate */
   /* index of the bit rate that becomes active by the next command `activate bit timing` */
   uint8_t next_rate;
   uint8_t node_id; /* node id after the next reset of communication, or LSS_NO_NODE_ID */
@@ -127,7 +128,7 @@ typedef struct {
   /* phase of a change of the bit rate. 0: no change in progress; 1: switch delay before the new
    * rate; 2: switch delay after the new rate */
   uint8_t silence;
-  uint8_t store; /* LSS_STORE_ */
+  uint8_t store; /* state of the command `store configuration`, LSS_STORE_ */
 } lss_t;
 
 /* Work of a tick that the node defers to fw_between(): no work, the work that follows the PDOs, or
@@ -168,11 +169,11 @@ typedef struct canopen {
   uint8_t tpdos_inhibited; /* set of the TPDOs that are not sent before their inhibit_tick */
   uint8_t sdos_sending;    /* set of the SDO servers that have segments of a block to send */
   uint8_t sync_reported;   /* 1: error code 8240h was reported since the last correct SYNC */
-  uint8_t bus;             /* CAN_BUS_ */
+  uint8_t bus;             /* state of the CAN bus, CAN_BUS_ */
   uint8_t reset;           /* reset (CANOPEN_RESET_) that the firmware has not yet fetched */
-  uint8_t deferred;        /* CANOPEN_DEFERRED_ */
+  uint8_t deferred;        /* deferred work of the present tick, CANOPEN_DEFERRED_ */
   uint8_t late;            /* number of ticks that have begun since a tick was deferred */
-  uint8_t node_id;         /* 1..127, LSS_NO_NODE_ID */
+  uint8_t node_id;         /* node id, 1..127; LSS_NO_NODE_ID: the node has no node id */
 } canopen_t;
 
 /* canopen_has() returns true if a set of services contains element i. canopen_put() adds element i

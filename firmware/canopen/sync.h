@@ -11,8 +11,9 @@
 
 void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* Check new values of the objects 1005h and 1019h. Return FW_OK or FW_ERROR_RANGE. This node does
- * not produce SYNC, so it has no object 1006h that could forbid a value. */
+/* sync_check_cob_id() checks a new value of the object 1005h, and sync_check_overflow() a new value
+ * of 1019h. They return FW_OK or FW_ERROR_RANGE. This node does not produce SYNC, so it has no
+ * object 1006h that could forbid a value. */
 int sync_check_cob_id(uint32_t wanted);
 int sync_check_overflow(uint32_t wanted);
 

@@ -21,8 +21,8 @@ enum {
 };
 
 enum {
-  CANOPEN_TIMER_HEARTBEAT = 0, /* time until the node sends its next heartbeat */
-  CANOPEN_TIMER_EMCY = 1,      /* inhibit time of emergency messages */
+  CANOPEN_TIMER_HEARTBEAT = 0, /* timer of the heartbeat producer */
+  CANOPEN_TIMER_EMCY = 1,      /* timer of the inhibit time of emergency messages */
   CANOPEN_TIMER_CONSUMER = 2,
   CANOPEN_TIMER_RPDO = CANOPEN_TIMER_CONSUMER + CANOPEN_HEARTBEATS,
   CANOPEN_TIMER_SDO = CANOPEN_TIMER_RPDO + CANOPEN_PDOS,

@@ -91,7 +91,7 @@ typedef struct {
   int32_t excitation_q16;
   /* command before any limit, in 1/65536 code, rounded to the resolution of dac_bits */
   int32_t command_q16;
-  int32_t step_mask;       /* fx_step_mask(dac_bits) */
+  int32_t step_mask;       /* value of fx_step_mask(dac_bits) */
   axis_codes_t free_codes; /* range of the output code, in DAC codes, in a tick without contact */
   /* range of the DAC code that this tick computes, also if the code is output one tick later */
   axis_codes_t law_codes;

@@ -4,7 +4,7 @@
 /* The waveform of excitation mode: noise, or a sine whose frequency may rise (a chirp). Noise and
  * sine can repeat exactly, so that a measurement over complete periods has no spectral leakage.
  * Frequency and amplitude may be written while the waveform runs. The phase of the sine is then
- * continuous, which gives a stepped sine. */
+ * continuous. So a stepped sine is possible. */
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -5,7 +5,8 @@
 #include "firmware/fx/fx.h"
 
 #define ONE_Q26 INT32_C(67108864)
-#define SIGNAL_MAX_Q16 INT32_C(1073741824) /* 2^14 counts, or DAC codes */
+/* largest signal of the force law: 2^14 counts, or 2^14 DAC codes */
+#define SIGNAL_MAX_Q16 INT32_C(1073741824)
 
 static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS],
                             force_section_t *section, int32_t x) {

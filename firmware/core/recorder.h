@@ -28,10 +28,11 @@
 
 enum { RECORDER_CHANNELS = 8 };
 
-/* Position and type of a recorded value in the sampled structure. */
+/* A channel of the recorder: the position and the type of a recorded value in the sampled
+ * structure. */
 typedef struct {
   uint16_t offset; /* offset of the value in bytes from the start of the structure */
-  uint8_t type;    /* AXIS_TYPE_ */
+  uint8_t type;    /* type of the value, AXIS_TYPE_ */
   uint8_t bytes;   /* size of the value in bytes, set by recorder_arm() */
 } recorder_channel_t;
 

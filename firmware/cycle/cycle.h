@@ -68,7 +68,7 @@ typedef struct {
 } cycle_inputs_t;
 
 typedef struct {
-  const cycle_header_t *program; /* NULL before the first cycle */
+  const cycle_header_t *program; /* selected program; NULL: no program is selected */
   uint32_t phase_ticks;          /* number of ticks since the phase began */
   uint32_t begin_tick;           /* tick in which the cycle started */
   uint32_t last_tick;            /* tick in which the last sample was taken */
@@ -76,7 +76,7 @@ typedef struct {
   int32_t start_cnt;             /* position at the start of the present phase */
   int32_t zero_cnt;              /* position of travel 0; until travel 0 is found, the position at
                                   * the start of the cycle */
-  int32_t begin_cnt;             /* zero_cnt at the start of the cycle */
+  int32_t begin_cnt;             /* value of zero_cnt at the start of the cycle */
   int32_t force_q8;              /* force of the last sample minus offset_q8, limited to the range
                                   * of a sample */
   int32_t depth;                 /* depth of the last sample, if has_depth is 1 */
@@ -114,9 +114,10 @@ typedef struct {
    * evaluated; both modulo 256 */
   uint8_t written;
   uint8_t evaluated;
-  uint8_t state;   /* CYCLE_IDLE to CYCLE_DONE */
-  uint8_t phase;   /* number of the running phase, or of the last phase */
-  uint8_t outcome; /* how the cycle ended, CYCLE_BY_PROGRAM to CYCLE_SAMPLES_INVALID */
+  uint8_t state; /* state of the cycle, CYCLE_IDLE to CYCLE_DONE */
+  uint8_t phase; /* number of the running phase, or of the last phase */
+  /* outcome, which states how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
+  uint8_t outcome;
   /* number of the phase in which the cycle failed: the first limit was exceeded, the cycle was
    * stopped, or the first sample was not valid */
   uint8_t failed_phase;
@@ -136,7 +137,7 @@ typedef struct {
   uint8_t good;
 } cycle_t;
 
-/* Sets the state at power-up: no cycle has run. */
+/* Sets the state of a cycle at power-up: no cycle has run. */
 void cycle_init(cycle_t *cycle);
 
 /* Selects the program of the next cycles. cycle_program_check() must have accepted the program.

@@ -96,7 +96,7 @@ typedef struct {
   int32_t level_2;
 } cycle_element_t;
 
-/* Verdict on an evaluation element. ABORTED: the cycle was stopped before the element had a
+/* Verdicts on an evaluation element. ABORTED: the cycle was stopped before the element had a
  * value. */
 enum {
   CYCLE_GOOD = 0,
@@ -112,17 +112,18 @@ enum {
 };
 
 typedef struct {
-  int64_t sum;         /* WORK: twice the sum in 1/256 count times counts or ticks */
-  uint32_t begin_tick; /* tick of the first sample of the element */
+  /* WORK: twice the sum; its unit is 1/256 count of force times one count or one tick of x */
+  int64_t sum;
+  uint32_t begin_tick; /* tick of the first sample that the element has evaluated */
   uint32_t last_tick;
   uint32_t found_tick; /* tick of the sample that gave the value */
-  int32_t x;           /* x of the last sample */
+  int32_t x;           /* x value of the last sample */
   int32_t y;
   int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all evaluated samples */
   int32_t x_seen_most;
   int32_t value;
   int32_t value_2;     /* DIFFERENCE: value at the crossing of level_2 */
-  uint8_t has_sample;  /* 1 after the first sample */
+  uint8_t has_sample;  /* 1 after the first sample of the element */
   uint8_t found;       /* bits: 1 if `value` was found, 2 if value_2 was found */
   uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
   uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */

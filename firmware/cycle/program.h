@@ -70,9 +70,9 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  * the mean and force_tare is beyond tare_band, or if tare_band is 0. A tare that fails acts like an
  * exceeded limit. */
 enum {
-  CYCLE_TARE_TICKS_MAX = 15000, /* 10 s */
+  CYCLE_TARE_TICKS_MAX = 15000, /* longest tare measurement: 10 s */
   CYCLE_TARE_JITTER_CNT = 2,
-  CYCLE_OUTPUTS_ALL = 15 /* outputs 1 to 4, as bits */
+  CYCLE_OUTPUTS_ALL = 15 /* set of all digital outputs, 1 to 4, as bits */
 };
 enum {
   CYCLE_MOVE = 0,
@@ -149,8 +149,9 @@ typedef struct {
   /* Travel of one section for STIFFNESS_ABOVE and BELOW, in encoder counts. It is > 0 if the phase
    * has such a condition, and 0 otherwise. */
   uint16_t stiffness_travel;
-  uint16_t first;      /* action FOLLOW: index, among the program's points, of the first point of
-                        * the table that the phase follows */
+  /* action FOLLOW: index of the first point of the table of this phase, among all points of the
+   * program */
+  uint16_t first;
   uint8_t points;      /* FOLLOW: number of points of the table */
   uint8_t over_travel; /* action FOLLOW: 1 if x of the table is the travel, 0 if x is the time in
                         * ticks */
@@ -192,11 +193,11 @@ enum {
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
   CYCLE_BUSY = 7,      /* a cycle is running */
-  CYCLE_NO_ROOM = 8,   /* the library is full */
+  CYCLE_NO_ROOM = 8,   /* the library has no room for the program */
   CYCLE_NO_NUMBER = 9, /* the number is 0, but a program of the library needs another number */
   CYCLE_WRONG_ZERO = 10,
   CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
-  CYCLE_LOCKED = 12,       /* the axis accepts no program */
+  CYCLE_LOCKED = 12,       /* the axis accepts no program now */
   CYCLE_REASONS = 13
 };
 typedef struct {
@@ -208,7 +209,8 @@ typedef struct {
  * bit is wrong is refused. The check needs some 10 instructions for each byte. */
 cycle_check_t cycle_program_check(const void *record, uint32_t size);
 
-/* Return the phases, evaluation elements and points of a program that was checked. */
+/* cycle_phases(), cycle_elements() and cycle_points() return the phases, the evaluation elements
+ * and the points of a program that was checked. */
 static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
   return (const cycle_phase_t *)(const void *)(program + 1);
 }
@@ -237,7 +239,7 @@ typedef struct {
 } cycle_reach_t;
 cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 
-/* Returns the CRC at the end of a record. */
+/* Returns the CRC at the end of the record of a program. */
 uint32_t cycle_program_crc(const cycle_header_t *program);
 
 #endif

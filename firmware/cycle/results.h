@@ -19,7 +19,7 @@ typedef struct {
   uint32_t number;   /* number of the part, > 0; 0: there is no result */
   uint32_t power_up; /* number of the power-up in which the part was pressed */
   uint32_t program_crc;
-  uint32_t bank_crc;   /* CRC of the bank of the force law; 0 without a bank */
+  uint32_t bank_crc;   /* CRC of the filter bank of the force law; 0: no bank was used */
   uint32_t begin_tick; /* tick in which the cycle started */
   uint32_t ticks;      /* duration of the cycle in ticks */
   uint32_t invalid;    /* number of ticks in evaluated phases whose sample is not valid
@@ -31,7 +31,7 @@ typedef struct {
   uint8_t verdicts[CYCLE_ELEMENTS_MAX];     /* verdict on each evaluation element, CYCLE_GOOD and so
                                              * on (element.h) */
   uint8_t elements;                         /* number of evaluation elements */
-  uint8_t verdict;                          /* CYCLE_PART_ */
+  uint8_t verdict;                          /* verdict on the part, CYCLE_PART_ */
   uint8_t outcome;                          /* how the cycle ended, CYCLE_BY_PROGRAM and so on
                                              * (cycle.h) */
   /* number of the last phase of the cycle, or of the phase in which the cycle failed */

@@ -337,7 +337,7 @@ static void interrupt(cia402_t *drive) {
   cycle_mode_interrupt(drive);
 }
 
-/* Reacts to bits 4 to 8 of the controlword. */
+/* Reacts to bits 4 to 8 of the controlword, which have a meaning in the mode of operation. */
 static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & AXIS_CONTROLWORD_START) != 0;

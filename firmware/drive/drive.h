@@ -76,8 +76,8 @@ bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by);
  * disabled after a ramp. */
 bool cia402_would_enable(const cia402_t *drive, uint16_t controlword);
 
-/* Returns true if a controlword would stop the axis, by a change of state or by a halt bit that was
- * not set in the controlword `previous`. */
+/* Returns true if a controlword would stop the axis by a change of the drive state, or by a halt
+ * bit that was 0 in the controlword `previous`. */
 bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous);
 
 /* Sets the warning that the axis is enabled while the firmware would not detect the loss of its

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_DRIVE_DRIVE_STATE_H_
 #define FIRMWARE_DRIVE_DRIVE_STATE_H_
 
-/* The state of a drive (drive.h), which all files of this folder share. */
+/* The state of a drive (drive.h). All files of this folder share this state. */
 
 #include <stdint.h>
 
@@ -100,8 +100,9 @@ typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of op
 typedef struct {
   drive_params_t params;
   drive_signals_t signals;
-  const cia402_mode_t *mode; /* table row of the mode that modes_of_operation_display shows */
-  profile_t trajectory;      /* trajectory in encoder counts; valid unless `tracking` is none */
+  /* row in the table of modes for the mode of operation that is active */
+  const cia402_mode_t *mode;
+  profile_t trajectory; /* trajectory in encoder counts; valid unless `tracking` is none */
   /* trajectory after input shaping; valid after the first step of motion_shaper */
   profile_t shaped;
   /* user position in counts minus encoder count, before the polarity is applied */
@@ -110,8 +111,8 @@ typedef struct {
    * velocity_offset */
   int32_t lead_cnt;
   cia402_units_t units;
-  /* Limits of the trajectory in Q16 counts per tick and Q16 counts per tick squared, derived from
-   * the parameters. */
+  /* Limits of the trajectory, computed from the parameters: speed in Q16 counts per tick,
+   * acceleration and decelerations in Q16 counts per tick squared. */
   int32_t speed_max;
   int32_t acceleration;
   int32_t deceleration;

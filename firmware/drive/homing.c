@@ -183,8 +183,8 @@ static bool is_pressed(const cia402_t *drive, const axis_t *axis) {
   return !fx_within(axis->signals.force, most);
 }
 
-/* Returns true if homing on contact has failed. Homing on contact fails only while the axis moves
- * towards the workpiece; retraction is always permitted. */
+/* Returns true if homing on contact has failed. It fails only while the axis moves towards the
+ * workpiece, because the axis may always retract. */
 static bool contact_fails(const cia402_t *drive, const axis_t *axis, const homing_step_t *step) {
   return step->until == CONTACT &&
          (is_pressed(drive, axis) ||

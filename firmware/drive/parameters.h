@@ -29,7 +29,7 @@ bool parameters_written(cia402_t *drive, uint16_t object);
  * the drive. Returns FW_OK or FW_ERROR_RANGE. */
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 
-/* Restricts a force law without a certificate, or removes the restriction. In every mode that
+/* Restricts a force law that has no certificate, or removes this restriction. In every mode that
  * controls force, the restriction limits the demanded force to `force` per mille of force_limit,
  * limits the code of the law to +-`output`, and shows a warning. */
 void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_DRIVE_STATUS_H_
 #define FIRMWARE_DRIVE_STATUS_H_
 
-/* The outputs of the drive: the signals in user units, and the statusword. */
+/* What the drive reports: its signals in user units, and the statusword. */
 
 #include "firmware/drive/drive_state.h"
 

@@ -40,7 +40,7 @@ void units_derive(cia402_t *drive) {
   const bool scaled = params->feed != 0 && ratio_of(params, AXIS_OBJ_NONE, 0, &units->user_of_cnt);
   units->scaled = scaled ? 1 : 0;
   if (scaled) {
-    /* The factor 1500 converts seconds to ticks. The results have 16 fractional bits. */
+    /* The division by 1500 converts from seconds to ticks. The results have 16 fractional bits. */
     units->speed_of_user = fx_ratio_divided(units->user_of_cnt.inverse, 1500, -16);
     units->rate_of_user = fx_ratio_divided(units->user_of_cnt.inverse, UINT32_C(2250000), -16);
   }

@@ -33,12 +33,12 @@ enum {
 };
 
 typedef struct {
-  drive402_entry_t entry; /* object of the transfer */
+  drive402_entry_t entry; /* object of the present transfer */
   uint32_t answer;        /* value that was uploaded, or abort code */
   uint32_t ticks;         /* number of ticks until the answer counts as missing; at least 1 while an
                            * answer is awaited */
   uint8_t writes;         /* 1: download, 0: upload */
-  uint8_t state;          /* DRIVE402_TRANSFER_ */
+  uint8_t state;          /* state of the transfer, DRIVE402_TRANSFER_ */
   uint8_t pause;          /* number of ticks until the next request may be sent */
   uint8_t is_repeated;    /* 1: the request was repeated */
   uint8_t is_segmented;   /* 1: the upload waits for the segment that contains the value */

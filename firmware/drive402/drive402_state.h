@@ -16,7 +16,7 @@
 /* Modes of operation (6060h). */
 enum { DRIVE402_CSP = 8, DRIVE402_CSV = 9, DRIVE402_CST = 10 };
 
-/* Largest drive402_config_t.scale_shift. */
+/* Largest value of drive402_config_t.scale_shift. */
 enum { DRIVE402_SHIFT_MAX = 16 };
 
 typedef struct {
@@ -52,7 +52,7 @@ typedef struct {
   uint8_t extra_count;
   /* length of the bus cycle in ms, an even number 2..100, so that it is a multiple of 3 ticks */
   uint8_t cycle_ms;
-  uint8_t mode; /* DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
+  uint8_t mode; /* mode of operation, DRIVE402_CSP, DRIVE402_CSV or DRIVE402_CST */
   /* transmission type of the RPDO. 1: a target acts at the next SYNC; 254, 255: a target acts when
    * it is received */
   uint8_t rpdo_type;
@@ -76,7 +76,7 @@ typedef struct {
   /* number of ticks from the SYNC at which the drive sampled these values to the next tick; 65535:
    * 65535 ticks or more, or no values yet */
   uint16_t age_ticks;
-  uint16_t statusword; /* 6041h */
+  uint16_t statusword; /* statusword (6041h) of the drive */
   /* last error code of the drive, from an emergency message or from 603Fh; 0: none */
   uint16_t error_code;
   uint8_t fitted; /* 1: the configuration was accepted, so the axis must have a drive */
@@ -87,9 +87,9 @@ typedef struct {
   /* 1: bit 11 of the statusword is 1, an internal limit of the drive is active */
   uint8_t limit;
   uint8_t saturated; /* 1: the last target was limited to target_max */
-  uint8_t phase;     /* DRIVE402_PHASES */
-  uint8_t state;     /* DRIVE402_STATES */
-  uint8_t reason;    /* DRIVE402_REASONS: the first failure since the last reset */
+  uint8_t phase;     /* phase of the master, one of DRIVE402_PHASES */
+  uint8_t state;     /* state of the drive, one of DRIVE402_STATES */
+  uint8_t reason;    /* reason of the first failure since the last reset, one of DRIVE402_REASONS */
   /* failed_sub, failed_index: object whose SDO transfer has failed, or 0; abort_code: abort code of
    * the drive, or 0 */
   uint8_t failed_sub;

@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-/* Commands of the controlword. */
+/* Values of the controlword for its commands. */
 enum {
   DRIVE402_DISABLE_VOLTAGE = 0x00,
   DRIVE402_QUICK_STOP = 0x02,

@@ -31,8 +31,9 @@ static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
   return (bits >> first) & (((uint32_t)1 << width) - 1);
 }
 
-/* Stores the low `bytes` (1, 2 or 4) bytes of a value, least significant byte first. The compiler
- * joins these single assignments into one store if the processor supports an unaligned store. */
+/* Stores the low `bytes` (1, 2 or 4) bytes of a value, least significant byte first. If the
+ * processor supports an unaligned store, the compiler joins the assignments of single bytes into
+ * one store. */
 static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   fx_assert(bytes == 1 || bytes == 2 || bytes == 4);
   to[0] = (uint8_t)(value & 0xFFu);
@@ -45,8 +46,9 @@ static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   }
 }
 
-/* Copies 2 or 4 bytes without alignment. The compiler joins these single assignments into one load
- * and one store if the processor supports unaligned access. */
+/* fx_copy_2() and fx_copy_4() copy 2 or 4 bytes without alignment. If the processor supports
+ * unaligned access, the compiler joins the assignments of single bytes into one load and one
+ * store. */
 static inline void fx_copy_2(uint8_t *to, const uint8_t *from) {
   const uint8_t byte_0 = from[0];
   const uint8_t byte_1 = from[1];

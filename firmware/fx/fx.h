@@ -21,8 +21,8 @@
 /* Returns the two's complement number that the 32 bits represent. Scaling: none. Cannot
  * overflow. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
-  /* A plain cast is not used: in the C standard its result above INT32_MAX depends on the compiler.
-   * This expression compiles to no instruction. */
+  /* A simple cast is not used, because in the C standard its result for numbers above INT32_MAX
+   * depends on the compiler. The following expression compiles to no instruction. */
   return (bits <= (uint32_t)INT32_MAX) ? (int32_t)bits : (int32_t)(-(int32_t)(~bits) - 1);
 }
 
@@ -58,7 +58,7 @@ static inline uint32_t fx_magnitude(int32_t x) {
 /* Returns true if -limit <= x <= limit. `limit` must not be negative. Cannot overflow. */
 static inline bool fx_within(int32_t x, int32_t limit) {
   fx_assert(limit >= 0);
-  /* One comparison is sufficient, because the interval is shifted to 0..2 limit, modulo 2^32. */
+  /* One comparison is sufficient, because the interval is shifted to 0..2 * limit, modulo 2^32. */
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
 

@@ -50,8 +50,8 @@ enum { CONTACT_GUARD_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, CONTACT_GUARD_SETTLIN
 typedef struct {
   /* speed touch_velocity_max in counts per two ticks, with 8 fractional bits */
   int32_t speed_q8;
-  int32_t most_q16;    /* largest permitted DAC code without contact */
-  int32_t least_q16;   /* smallest permitted DAC code without contact */
+  int32_t most_q16;    /* largest permitted DAC code without contact, in 1/65536 code */
+  int32_t least_q16;   /* smallest permitted DAC code without contact, in 1/65536 code */
   int32_t bounded_cnt; /* encoder count at which most_q16 and least_q16 were computed */
   /* force set-point of the next tick, in 1/256 count; 0 if no force mode is active */
   int32_t setpoint;
@@ -69,7 +69,7 @@ typedef struct {
   uint32_t paused_tick;
   int32_t low; /* smallest measured force in the present time slot of the force ripple */
   int32_t high;
-  axis_codes_t codes; /* bounds most_q16 and least_q16, rounded to DAC codes */
+  axis_codes_t codes; /* the bounds most_q16 and least_q16, rounded to whole DAC codes */
   /* number of ticks until the contact guard checks for a limit cycle again */
   uint16_t settling_tick;
   uint8_t slot_tick;

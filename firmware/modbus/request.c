@@ -141,7 +141,7 @@ static void diagnose(modbus_request_t *r, uint16_t what) {
   modbus_end(r, exception);
 }
 
-/* Executes a request whose length matches its function code. */
+/* Begins to execute a request whose length matches its function code. */
 static void begin(modbus_request_t *r) {
   const uint16_t first = (r->length < SECOND) ? 0 : fx_load_be16(&r->pdu[FIRST]);
   const uint16_t second = (r->length < THIRD) ? 0 : fx_load_be16(&r->pdu[SECOND]);

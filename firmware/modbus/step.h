@@ -27,7 +27,7 @@ enum {
  * restarts at 0 after 65535. */
 enum {
   MODBUS_COUNTER_FIRST = 11,
-  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames received, for all units */
+  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames that were received, for all units */
   MODBUS_COUNT_ERRORS = 1,     /* number of frames that were damaged, interrupted or too long */
   MODBUS_COUNT_EXCEPTIONS = 2, /* number of answers with an exception and of refused broadcasts */
   MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit and of broadcasts */
@@ -51,7 +51,7 @@ typedef enum {
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
-  uint8_t kind; /* modbus_access_kind_t */
+  uint8_t kind; /* kind of the access, modbus_access_kind_t */
   /* number (AXIS_OBJ_) of the object; for MODBUS_READ_TEXT, CANopen index of the text */
   uint16_t object;
   /* raw value that is checked or written, or that was read; an unsigned 32-bit value keeps its

@@ -12,7 +12,8 @@
 
 typedef struct dictionary dictionary_t;
 
-/* Sources of an access to an object. The first three sources have the numbers of command_source. */
+/* Sources of an access to an object. The first three sources have the same numbers as in the object
+ * command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = 0,
   FW_SOURCE_MODBUS = 1,

@@ -10,7 +10,7 @@
 #include "firmware/fx/assertion.h"
 #include "firmware/objects/generated/axis_table.h"
 
-/* Size of each type in bytes: 1, 2 or 4. */
+/* Size in bytes of a value of each type (AXIS_TYPE_): 1, 2 or 4. */
 extern const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1];
 static inline uint8_t value_bytes(uint8_t type) {
   fx_assert(type <= AXIS_TYPE_I32);

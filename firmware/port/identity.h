@@ -19,12 +19,12 @@
 typedef struct {
   char magic[4];    /* "FAXI" */
   uint32_t size;    /* size of this structure in bytes: 60 */
-  char version[16]; /* FW_VERSION */
+  char version[16]; /* version of the firmware, FW_VERSION */
   /* first 12 digits of the commit of the source, and "+" if source files differed from this
    * commit */
   char git[16];
   uint32_t table_hash; /* AXIS_OBJECTS_HASH32, the hash of the object table in the image */
-  /* name of the board, such as "nucleo-f446re"; an image for an emulator has another name */
+  /* name of the board, for example "nucleo-f446re"; an image for an emulator has another name */
   char board[16];
 } identity_t;
 

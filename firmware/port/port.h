@@ -20,8 +20,9 @@
  * that are sent in one pass. */
 enum { PORT_CAN_AT_ONCE = 7 };
 
-/* Sets safe outputs first: the DAC at mid-scale, which is 0 V, then the amplifier off and the brake
- * on. Then starts clocks and peripherals. The tick is started later, by port_start(). */
+/* First sets safe outputs: the DAC is set to mid-scale, which is 0 V, then the amplifier is
+ * switched off and the brake on. Then starts the clocks and the peripherals. The tick is started
+ * later, by port_start(). */
 void port_init(void);
 
 /* Returns the configuration for fw_init(). The configuration must outlive the firmware. */
@@ -45,19 +46,20 @@ void port_sense(axis_inputs_t *inputs);
  * set to mid-scale again. */
 void port_act(const axis_outputs_t *outputs);
 
-/* CAN. port_can_receive() returns the next received frame. port_can_transmit() sends a frame; if
- * the result is false, the caller repeats the call later. port_can_bus() returns the state of the
- * bus (CAN_BUS_); it is called at least once in each tick. port_can_lost() returns the number of
- * frames lost since the last call. port_can_rate() sets the bit rate. If the bit rate changes, the
- * waiting frames are aborted, and the node joins the bus again. */
+/* Functions for CAN. port_can_receive() returns the next received frame. port_can_transmit() sends
+ * a frame; if the result is false, the caller repeats the call later. port_can_bus() returns the
+ * state of the bus (CAN_BUS_); it is called at least once in each tick. port_can_lost() returns the
+ * number of frames lost since the last call. port_can_rate() sets the bit rate. If the bit rate
+ * changes, the waiting frames are aborted, and the node joins the bus again. */
 bool port_can_receive(can_frame_t *frame);
 bool port_can_transmit(const can_frame_t *frame);
 uint8_t port_can_bus(void);
 uint16_t port_can_lost(void);
 void port_can_rate(uint16_t kbit_s);
 
-/* Serial line. port_serial_receive() returns at most `room` received bytes. port_serial_transmit()
- * accepts bytes to send and returns the number of accepted bytes. */
+/* Functions for the serial line. port_serial_receive() returns at most `room` received bytes.
+ * port_serial_transmit() accepts bytes that must be sent, and returns the number of accepted
+ * bytes. */
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room);
 uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count);
 

@@ -44,7 +44,7 @@ static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, r
 typedef struct {
   record_t last;
   record_t before;
-  uint32_t next; /* address after the last record of the sector */
+  uint32_t next; /* address of the end of the last record of the sector */
   uint32_t end;
 } sector_t;
 

@@ -26,7 +26,7 @@ enum {
 #define SLOT_BLANK UINT32_MAX
 
 typedef struct {
-  uint32_t magic;  /* SLOT_MAGIC */
+  uint32_t magic;  /* SLOT_MAGIC: the image was written and checked completely */
   uint32_t length; /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;    /* CRC-32 of the image */
   /* sequence number of the image; the image with the highest number is the newest */

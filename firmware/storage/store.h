@@ -110,7 +110,7 @@ typedef struct {
   uint8_t sector;
   /* kind of the present job. A job is a command of the user, or a write of extra records */
   uint8_t job;
-  uint8_t item;    /* record that is being written */
+  uint8_t item;    /* number of the record that is being written */
   uint8_t items;   /* set, as bits, of the records that this job writes */
   uint8_t again;   /* 1 during the second attempt to write the record */
   uint16_t object; /* number of the object whose entry is programmed next */

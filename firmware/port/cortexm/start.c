@@ -43,7 +43,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
     .handlers =
         {
             HANDLER(1, reset),
-            HANDLER(2, core_failed), /* NMI */
+            HANDLER(2, core_failed), /* non-maskable interrupt (NMI) */
             /* hard fault, and all faults whose own handler is not enabled */
             HANDLER(3, core_failed),
             HANDLER(EXCEPTION_SYSTICK, tick_interrupt),

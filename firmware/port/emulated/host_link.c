@@ -18,10 +18,10 @@ static int32_t from_host;
 static int32_t to_host;
 static bool has_host;
 static uint32_t ticks;
-static uint32_t late_ticks; /* number of ticks that the main loop had not completed when the next
-                             * tick began */
+/* number of ticks that the main loop had not completed before the next tick began */
+static uint32_t late_ticks;
 
-/* The command line is "forceaxis FROM_HOST TO_HOST". */
+/* Opens the two files in the command line, which is "forceaxis FROM_HOST TO_HOST". */
 void host_link_open(void) {
   static char line[LINE_BYTES];
   char *words[3];

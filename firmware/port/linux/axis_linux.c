@@ -24,7 +24,7 @@
 #include "firmware/port/linux/lateness.h"
 #include "firmware/port/port.h"
 
-/* The function main() of firmware/port/main.c, which the build renames for this program. */
+/* The function main() of firmware/port/main.c. The build renames it for this program. */
 int port_main(void);
 
 enum {
@@ -32,9 +32,10 @@ enum {
   NS_IN_THREE_TICKS = 2000000,
   NS_IN_TICK = NS_IN_THREE_TICKS / 3,
   TICKS_IN_S = 1500,
-  ADC_MIDDLE = 32768,  /* ADC code of a force of 0 or a motor current of 0 */
-  AGE_MAX = 255,       /* largest age of an input in ticks */
-  FRAMES_AT_ONCE = 64, /* largest number of frames of the drive's bus in a tick */
+  ADC_MIDDLE = 32768, /* ADC code of a force of 0 or a motor current of 0 */
+  AGE_MAX = 255,      /* largest age of an input in ticks */
+  /* largest number of frames that are received from the bus of the drive in a tick */
+  FRAMES_AT_ONCE = 64,
   /* longest time to wait for values of the drive and of the force sensor before the axis starts: 5
    * s */
   START_TICKS_MAX = 7500,
@@ -200,7 +201,8 @@ bool port_can_receive(can_frame_t *frame) { return can_line_receive(&supervisor,
 bool port_can_transmit(const can_frame_t *frame) { return can_line_send(&supervisor, frame); }
 uint8_t port_can_bus(void) { return can_line_state(&supervisor); }
 uint16_t port_can_lost(void) { return can_line_lost(&supervisor); }
-void port_can_rate(uint16_t kbit_s) { (void)kbit_s; } /* `ip link` sets the bit rate */
+/* does nothing, because `ip link` sets the bit rate */
+void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
 /* Returns 0, because the axis has no serial line. */
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {

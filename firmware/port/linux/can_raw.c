@@ -68,7 +68,7 @@ can_raw_result_t can_raw_open(can_raw_t *raw, const char *interface,
 }
 
 bool can_raw_bind(const can_raw_t *raw) {
-  set_options(raw); /* the kernel has removed the filters with the interface */
+  set_options(raw); /* when the interface was removed, the kernel has also removed the filters */
   return connect_to(raw) == CAN_RAW_OPEN;
 }
 

@@ -253,7 +253,7 @@ const char *iio_open(iio_t *iio, const iio_settings_t *settings) {
   return NULL;
 }
 
-/* Reads from the device once. Returns true if more bytes may be available. */
+/* Makes one read from the device. Returns true if more bytes may be available. */
 static bool read_more(iio_t *iio) {
   const ssize_t count = read(iio->fd, iio->bytes + iio->used, sizeof(iio->bytes) - iio->used);
   const bool is_none = count < 0 && (errno == EAGAIN || errno == EINTR);

@@ -65,7 +65,7 @@ typedef struct {
 typedef struct {
   const char *name;
   hal_type_t type;
-  int direction; /* hal_pin_dir_t or hal_param_dir_t */
+  int direction; /* direction of the pin or parameter, hal_pin_dir_t or hal_param_dir_t */
   size_t offset; /* offset of the pin or parameter in pins_t, in bytes */
 } pin_t;
 
@@ -127,7 +127,7 @@ static object_t written[OBJECTS_MAX];
 static object_t shown[OBJECTS_MAX];
 static uint8_t written_count;
 static uint8_t shown_count;
-static long long last_ns; /* time of the last tick; 0 before the first tick */
+static long long last_ns; /* time of the last tick in ns; 0 before the first tick */
 /* true if the last tick has enabled the axis; the watcher thread may have cleared the HAL pin since
  * then */
 static bool was_enabled;

@@ -53,7 +53,7 @@ enum { PIN_SPEED_LOW = 0, PIN_SPEED_MEDIUM = 1 };
 /* sets the edge speed (PIN_SPEED_) of an output pin */
 void pin_speed(gpio_t *port, uint8_t pin, uint32_t speed);
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull);
-void pins_init(void); /* sets outputs low, and configures inputs and straps */
+void pins_init(void); /* sets the outputs low, and configures the inputs and the straps */
 void pins_read_options(void);
 /* sets the outputs amp_enable and brake_release; call pins_write() once in each tick */
 void pins_write(bool amp_enable, bool brake_release);
@@ -137,7 +137,8 @@ void protect_flash(uint32_t first);
 #define CAN_RATES (BIT(0) | BIT(2) | BIT(3) | BIT(4) | BIT(6) | BIT(7) | BIT(8))
 void can_init(bool clock_is_right);
 
-/* Interrupt handlers of can.c and serial.c. The handler of the tick is in tick.h. */
+/* Interrupt handlers that can.c and serial.c define. The interrupt handler of the tick is in
+ * tick.h. */
 void can_interrupt(void);
 void serial_interrupt(void);
 
@@ -168,8 +169,8 @@ void spi_force_read_interrupt(void);
 /* serial.c: the serial line */
 void serial_init(uint32_t clock_hz);
 
-/* flash.c: memory of the parameter store and memory of the incident archive; NULL if the board has
- * no such memory. */
+/* flash.c: flash_memory() returns the memory of the parameter store, and flash_archive() the memory
+ * of the archive of incidents. NULL: the board has no such memory. */
 const store_memory_t *flash_memory(void);
 const store_memory_t *flash_archive(void);
 

@@ -63,7 +63,7 @@ void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) 
 
 void pins_write(bool amp_enable, bool brake_release) {
   is_high = amp_enable && !(is_dynamic && is_high);
-  /* The upper half of the register BSRR clears bits. */
+  /* The upper half of the register BSRR clears pins, and the lower half sets pins. */
   GPIOB->BSRR = (is_high ? BIT(AMP_ENABLE) : BIT(AMP_ENABLE + 16)) |
                 (brake_release ? BIT(BRAKE_RELEASE) : BIT(BRAKE_RELEASE + 16));
 }

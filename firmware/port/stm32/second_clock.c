@@ -7,8 +7,8 @@
 #include "firmware/port/stm32/board.h"
 #include "firmware/port/stm32/tick.h"
 
-/* Number of counts of the slow oscillator (nominally 32 kHz) over which its rate is measured: 0.4
- * to 1.2 ms, with an error of 5 %. */
+/* Number of counts of the slow oscillator (nominally 32 kHz) during which its rate is measured. The
+ * measurement takes 0.4 to 1.2 ms and has an error of 5 %. */
 enum { MEASURED = 20 };
 
 /* WINDOW_TICKS: number of ticks in one comparison. They take 10 ms, which are 170 to 470 counts of

@@ -5,7 +5,7 @@
 
 #include "firmware/port/tick.h"
 
-/* Number of counts of clock_count() in a tick: exactly 84 MHz / 1500 Hz. */
+/* Number of counts of clock_count() in a tick. It is exactly 84 MHz / 1500 Hz. */
 #define TICK_COUNTS UINT32_C(56000)
 
 /* The timer of the tick (tick_timer.c). tick_timer_start() starts the timer. The interrupt of the

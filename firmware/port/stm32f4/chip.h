@@ -30,7 +30,7 @@
 /* Setting of timer 5: its internal trigger is the trigger output of timer 4. */
 #define TRIGGER_OF_TICK TIM_SMCR_TS_ITR2
 
-/* The register that starts the initialisation of the real-time clock. */
+/* Register with the bits that start the initialisation of the real-time clock. */
 #define RTC_INITIALISATION RTC->ISR
 #define RTC_INITIALISATION_INIT RTC_ISR_INIT
 #define RTC_INITIALISATION_INITF RTC_ISR_INITF

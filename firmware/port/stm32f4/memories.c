@@ -27,7 +27,7 @@ const fw_slots_t *board_slots(void) {
  * not run and the trailer of the running slot may be programmed. */
 void protect_flash(uint32_t first) {
   const uint32_t running = (uintptr_t)vectors_begin;
-  /* The parameter store is eighths 2 to 5 of the first 64 KiB. */
+  /* The sectors of the parameter store are eighths 2 to 5 of the first 64 KiB of the flash. */
   protect_region(first, 0x08000000, MAY_PROGRAM | MPU_RASR_SRD(0xC3) | MPU_RASR_SIZE(16));
   protect_region(first + 1, 0x08010000, MAY_PROGRAM | MPU_RASR_SIZE(16)); /* archive of incidents */
   protect_region(first + 2, 0x08060000, MAY_PROGRAM | MPU_RASR_SIZE(17));

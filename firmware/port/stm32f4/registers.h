@@ -289,7 +289,7 @@ typedef struct {
  * counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
-/* The internal trigger 2 of timer 5 is the trigger output of timer 4. */
+/* With this value timer 5 uses its internal trigger 2, which is the trigger output of timer 4. */
 #define TIM_SMCR_TS_ITR2 FIELD(4, 3, 2)
 #define TIM_DIER_UIE BIT(0)
 #define TIM_SR_UIF BIT(0)
@@ -452,7 +452,7 @@ typedef struct {
 #define CAN_RI0R_IDE BIT(2)
 #define CAN_RDT0R_DLC MASK(0, 4)
 #define CAN_FMR_FINIT BIT(0)
-/* Number of the first filter that belongs to CAN2. */
+/* Field with the number of the first filter that belongs to CAN2. */
 #define CAN_FMR_CAN2SB MASK(8, 6)
 #define CAN_FMR_CAN2SB_14 FIELD(8, 6, 14)
 #define CAN_FS1R_FSC0 BIT(0)
@@ -551,8 +551,8 @@ typedef struct {
 
 /* Address of the unique device ID, which has three words. */
 #define UID_BASE 0x1FFF7A10
-/* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.3 V, which
- * the manufacturer has measured. */
+/* Address of a 16-bit value: the ADC code of the internal reference at a supply voltage of 3.3 V.
+ * The manufacturer has measured this code. */
 #define VREFINT_CAL_BASE 0x1FFF7A2A
 
 /* Registers of the independent watchdog. */

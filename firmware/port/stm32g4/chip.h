@@ -29,7 +29,7 @@
 /* Setting of timer 5: its internal trigger is the trigger output of timer 4. */
 #define TRIGGER_OF_TICK TIM_SMCR_TS_ITR3
 
-/* The register that starts the initialisation of the real-time clock. */
+/* Register with the bits that start the initialisation of the real-time clock. */
 #define RTC_INITIALISATION RTC->ICSR
 #define RTC_INITIALISATION_INIT RTC_ICSR_INIT
 #define RTC_INITIALISATION_INITF RTC_ICSR_INITF

@@ -116,7 +116,8 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   reading = ASKED;
   BARRIER();
   const uint32_t word = *place;
-  __asm volatile("dsb\nisb" ::: "memory"); /* an error causes the NMI before the next instruction */
+  /* if the read has found an error, the NMI occurs before the next instruction */
+  __asm volatile("dsb\nisb" ::: "memory");
   const bool is_damaged = reading == DAMAGED;
   reading = IDLE;
   return is_damaged ? 0 : word;
@@ -128,7 +129,8 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;
   (void)flash_corrected(); /* clears the error flag that another read may have left */
-  /* Most reads are complete words at aligned addresses. */
+  /* Most reads are complete words at aligned addresses, so whole words are read as far as
+   * possible. */
   for (; count >= 4 && (address & 3u) == 0; address += 4, bytes += 4, count -= 4) {
     const uint32_t word = read_word(sectors_of(context), address);
     bytes[0] = (uint8_t)word;

@@ -2,7 +2,7 @@
 
 #include "firmware/port/stm32/board.h"
 
-/* Returns false if the parameters select a converter. */
+/* Returns false if the parameters select a converter, because the board cannot have a converter. */
 bool spi_force_start(const device_params_t *params) {
   return params->force_converter == AXIS_FORCE_CONVERTER_ADC;
 }

@@ -225,7 +225,8 @@ typedef struct {
 #define FLASH_OPTR_SRAM_PE BIT(24)
 #define FLASH_OPTR_nSWBOOT0 BIT(26)
 #define FLASH_OPTR_nBOOT0 BIT(27)
-/* First and last page of bank 1 that are protected from programming and erasing. */
+/* Fields with the numbers of the first and the last page of bank 1 that are protected from
+ * programming and erasing. */
 #define FLASH_WRP1AR_WRP1A_STRT MASK(0, 7)
 #define FLASH_WRP1AR_WRP1A_END MASK(16, 7)
 /* Keys that unlock FLASH_CR, in this order. */
@@ -317,7 +318,7 @@ typedef struct {
  * counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
-/* The internal trigger 3 of timer 5 is the trigger output of timer 4. */
+/* With this value timer 5 uses its internal trigger 3, which is the trigger output of timer 4. */
 #define TIM_SMCR_TS_ITR3 FIELD(4, 3, 3)
 #define TIM_DIER_UIE BIT(0)
 #define TIM_SR_UIF BIT(0)
@@ -483,8 +484,10 @@ typedef struct {
 #define FDCAN_MEMORY_BASE 0x4000A400
 enum {
   FDCAN_MEMORY_WORDS = 212,
-  FDCAN_MEMORY_RXF0 = 44, /* offset in words of the first frame of FIFO 0 */
-  FDCAN_MEMORY_TX = 158,  /* offset in words of the first frame to send */
+  /* offset in words, in the memory for frames, of the first frame of FIFO 0 */
+  FDCAN_MEMORY_RXF0 = 44,
+  /* offset in words, in the memory for frames, of the first frame to send */
+  FDCAN_MEMORY_TX = 158,
   FDCAN_FRAME_WORDS = 18
 };
 
@@ -520,8 +523,8 @@ typedef struct {
 
 /* Address of the unique device ID, which has three words. */
 #define UID_BASE 0x1FFF7590
-/* Address of a value of 16 bits: the ADC code of the internal reference at a supply of 3.0 V, which
- * the manufacturer has measured. */
+/* Address of a 16-bit value: the ADC code of the internal reference at a supply voltage of 3.0 V.
+ * The manufacturer has measured this code. */
 #define VREFINT_CAL_BASE 0x1FFF75AA
 
 /* Registers of the independent watchdog. */
