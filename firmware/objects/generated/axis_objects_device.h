@@ -503,14 +503,14 @@ typedef struct {
   uint32_t cycle_parts_good; /* number of good parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_bad; /* number of bad parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_aborted; /* number of aborted parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_result_part; /* number of the pressed part whose result is shown; 0: the axis has no such result [1] */
-  uint32_t cycle_result_power_up; /* value of cycle_power_up when the shown part was pressed [1] */
-  uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the shown part was pressed [1] */
-  uint32_t cycle_result_bank_crc; /* CRC-32 of the bank of the force law that was active when the shown part was begun; 0 without a bank, or if contact_unstable_option had halved the gain [1] */
-  uint32_t cycle_result_invalid; /* number of samples of the shown part that are in evaluated phases and not valid; 0 for a good part [tick] */
-  uint32_t cycle_result_begin; /* value of tick_count at which the cycle of the shown part started [tick] */
-  uint32_t cycle_result_duration; /* duration of the cycle of the shown part [tick] */
-  uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the shown part, the lowest byte first [1] */
+  uint32_t cycle_result_part; /* number of the part whose result is shown; 0: the axis has no such result [1] */
+  uint32_t cycle_result_power_up; /* value of cycle_power_up when the part whose result is shown was pressed [1] */
+  uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the part whose result is shown was pressed [1] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the filter bank of the force law that was active when the part whose result is shown was begun; 0 without a filter bank, or if contact_unstable_option had halved the gain [1] */
+  uint32_t cycle_result_invalid; /* number of samples of the part whose result is shown that are in evaluated phases and not valid; 0 for a good part [tick] */
+  uint32_t cycle_result_begin; /* value of tick_count at which the cycle of the part whose result is shown started [tick] */
+  uint32_t cycle_result_duration; /* duration of the cycle of the part whose result is shown [tick] */
+  uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the part whose result is shown, the lowest byte first [1] */
   uint32_t cycle_lost_first; /* number of the first part whose result a power cut has erased: results that waited for their acknowledgement when the axis last stored its counts; 0: none [1] */
   uint32_t cycle_lost_last; /* number of the last part whose result a power cut has erased; see cycle_lost_first [1] */
   uint16_t store_change_count; /* number of differences between the stored parameter set and the object table of this firmware: parameters that were discarded because their meaning has changed, and parameters that keep the default of the earlier firmware [1] */
@@ -524,7 +524,7 @@ typedef struct {
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
   uint16_t flash_corrected; /* number of reads of the flash memory in which its error correction corrected a wrong bit, since the last reset of the processor; consecutive reads within a tick are one read here; always 0 on a chip without error correction [1] */
   uint16_t tick_time_max; /* longest time from the begin of a tick to its end since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
-  uint16_t tick_late_max; /* longest time from the moment at which a tick was due to its begin since the last reset of the processor, measured by the board; a tick that did not run has no such time and only increases overruns [us] */
+  uint16_t tick_late_max; /* longest delay of the start of a tick since the last reset of the processor, measured by the board. A tick that did not run has no delay; overruns counts it [us] */
   uint16_t cycle_curve_points; /* number of points in the curve of the cycle that runs, or of the last cycle [1] */
   uint16_t cycle_bits; /* state of the cycle, of the results and of the locks, one bit for each: bit 0 ready, bit 1 busy, bit 2 the last part is good, bit 3 bad, bit 4 aborted, bit 5 a result waits for its acknowledgement, bit 6 locked, bit 7 results full [1] */
   uint16_t cycle_bad_in_row; /* number of consecutive bad or aborted parts at present [1] */
@@ -542,9 +542,9 @@ typedef struct {
   uint8_t cycle_result_verdict; /* verdict on the selected evaluation element; none: no cycle has ended yet, or the program has no such element [enum] */
   uint8_t cycle_curve_thinned; /* number of times that the memory of the curve was full; each time, every second point was dropped and the steps were doubled [1] */
   uint8_t cycle_results_waiting; /* number of results that wait for their acknowledgement; if the memory for results is full, no cycle starts [1] */
-  uint8_t cycle_result_state; /* verdict on the shown part, with the values of cycle_state [enum] */
-  uint8_t cycle_result_outcome; /* how the cycle of the shown part ended, with the values of cycle_outcome [enum] */
-  uint8_t cycle_result_phase; /* number, from 0, of the last phase of the shown part; after a failure, number of the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
+  uint8_t cycle_result_state; /* verdict on the part whose result is shown; coded as cycle_state [enum] */
+  uint8_t cycle_result_outcome; /* how the cycle of the part whose result is shown has ended; coded as cycle_outcome [enum] */
+  uint8_t cycle_result_phase; /* number, from 0, of the last phase of the part whose result is shown; after a failure, number of the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
   uint8_t cycle_store_state; /* whether the cycle programs and the numbers of pressed parts are stored. waiting: the axis stores them once it is disabled; failed: the last write failed, or the parameters must be saved or restored first [enum] */
   uint8_t program_refusal; /* reason why the last update of the firmware was refused; the first six reasons leave the slot unchanged [enum] */
   uint8_t program_state; /* state of the firmware image that runs; trial: the image is not confirmed yet, and after four restarts the earlier image runs again [enum] */

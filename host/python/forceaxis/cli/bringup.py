@@ -65,7 +65,7 @@ class Terminal:
 @click.option("--out", type=File(), help="Protocol as JSON, written after each step.")
 def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None) -> None:
     """Bring a new board into operation without a motor. The command asks for an action at the
-    board, reads the objects of the axis, checks each step, and writes a protocol.
+    board, reads the objects of the axis, checks each step, and writes a test report.
 
     The steps are: identity of the firmware, cause of the last reset, errors that the board finds in
     itself, time of the tick, contacts, encoder, inputs of force and motor current, outputs, CAN,

@@ -588,7 +588,7 @@ def bring_up(
     request: BringupRequest = BringupRequest(),
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[BringupProtocol]:
-    """Does the steps of a request in their order. After each step, yields the protocol with all
+    """Does the steps of a request in their order. After each step, yields the test report with all
     steps so far. `clock`: function that returns the time in s. This program must own the axis.
     Raises InputError for an unknown name of a step, and NoAnswer if the axis does not answer at the
     beginning."""
