@@ -62,12 +62,35 @@ BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
         ("sim:a b@c/m.toml", SimAddress("a b@c/m.toml")),
         ("sim:a b@c/m.toml@d@e/s", SimAddress("a b@c/m.toml", "d@e/s")),
         ("sim:contact@a.toml.store", SimAddress("contact", "a.toml.store")),
+        ("sim:contact@s.toml", SimAddress("contact", "s.toml")),
+        ("sim:mine@s.toml", SimAddress("mine", "s.toml")),
+        ("sim:contact@a/b.toml", SimAddress("contact", "a/b.toml")),
+        ("sim:contact@/tmp/x.toml@2", SimAddress("contact", "/tmp/x.toml@2")),
+        ("sim:contact.toml@s.toml", SimAddress("contact.toml", "s.toml")),
+        ("sim:press/a.toml@b/s.toml", SimAddress("press/a.toml", "b/s.toml")),
         ("sim:/home/me@work/a.toml@/home/me@work/s", SimAddress("/home/me@work/a.toml",
                                                                  "/home/me@work/s")),
     ],
 )  # fmt: skip
 def test_what_an_address_means(text, means):
     assert parse(text) == means
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("kind", ["sim", "serial", "tcp", "lcm"])
+def test_an_interface_named_like_a_kind_of_address_is_on_can_if_it_exists(
+    monkeypatch, tmp_path, kind
+):
+    """`ip link set can0 name sim0` is permitted. Without such an interface, it is a misspelling."""
+    monkeypatch.setattr(address, "NETWORK_INTERFACES", tmp_path)
+    for text in (f"{kind}0", f"{kind}0:5", f"{kind}0:5@125"):
+        with pytest.raises(InputError, match=f"^{text}: expected {kind}:"):
+            parse(text)
+    (tmp_path / f"{kind}0").mkdir()
+    assert parse(f"{kind}0") == CanAddress(f"{kind}0")
+    assert parse(f"{kind}0:5@125") == CanAddress(f"{kind}0", 5, 125)
+    with pytest.raises(InputError, match=f"expected {kind}:"):
+        parse(f"{kind.upper()}1:5")
 
 
 @pytest.mark.quick

@@ -38,9 +38,19 @@ TCP = re.compile(r"tcp://(\[[\w:.%]+\]|[^:/@?#\[\]\s]+)(?::([^/]*))?(?:/(.*))?")
 SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
 LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
 SIM = re.compile(r"sim:(.+?\.toml|[^@/]+)(?:@(.+))?")
+<<<<<<< HEAD
 # Pattern of texts that begin like another kind of address, so that they name no CAN interface.
 NOT_CAN = re.compile(r"(lcm|tcp|serial|sim)\d*(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL)
 # Form of an address of each kind, for error messages.
+=======
+NAMED_SIM = re.compile(r"sim:([^@/]+)@(.+)")
+# The words of the other kinds of address, and those words with a number: lcm, tcp0.
+NOT_CAN = re.compile(
+    r"((lcm|tcp|serial|sim)(\d*))(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL
+)
+NETWORK_INTERFACES = Path("/sys/class/net")
+# What an address of each of these kinds looks like.
+>>>>>>> 2666092b (address: a store ending in .toml; CAN interfaces named sim0, lcm0)
 FORMS = {
     "tcp": "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3",
     "serial": "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3",
@@ -225,8 +235,9 @@ def _can(text: str) -> CanAddress:
         raise _wrong(
             text, f"a bus before the number of the axis, such as can0:{text} or lcm:{text}"
         )
-    if other := NOT_CAN.fullmatch(text):
-        raise _wrong(text, FORMS[other[1].lower()])
+    other = NOT_CAN.fullmatch(text)
+    if other and not (other[3] and (NETWORK_INTERFACES / other[1]).exists()):
+        raise _wrong(text, FORMS[other[2].lower()])
     found = CAN.fullmatch(text)
     if found is None or len(found[1]) > INTERFACE_LENGTH:
         raise _wrong(text, f"the address of an axis, such as {examples()}")
@@ -280,6 +291,10 @@ def _sim(text: str) -> SimAddress:
     found = SIM.fullmatch(text)
     if found is None:
         raise _wrong(text, FORMS["sim"])
+    # The file of the store may end in .toml like an experiment in a folder with @ in its name.
+    named = NAMED_SIM.fullmatch(text)
+    if named and ("/" not in named[2] or (paths.EXPERIMENTS / f"{named[1]}.toml").is_file()):
+        found = named
     return SimAddress(found[1], found[2] or "")
 
 
