@@ -70,6 +70,59 @@ def test_poles_of_a_law_from_a_file_are_those_of_the_closed_loop():
 BANK = "[firmware]\nbank_sections_1 = 0\nbank_gain_1 = 4.0\nforce_bank = {}\n"
 
 
+def bank_of_tuning(**other):
+    """The text of a design.json whose bank has other values than a law that the axis can run."""
+    bank = {"force_gain": 4.0, "integral_rad_per_s": 2.0, "sections": [[1.0, 0.0, 0.0, -0.2, 0.0]],
+            "velocity_gain": 0.5, "hf_gain": 4.0}  # fmt: skip
+    return json.dumps({"result": {"bank": bank | other}})
+
+
+def test_a_bank_of_a_tuning_is_that_which_the_axis_stores(tmp_path):
+    """Gains in steps of 1/256, coefficients in steps of 2^-26: the same bank of an experiment."""
+    bank = {"force_gain": 4.0017, "integral_rad_per_s": 2.0, "velocity_gain": 0.0,
+            "sections": [[1.0, 0.0, 0.0, -0.2, 0.0]]}  # fmt: skip
+    (tmp_path / "design.json").write_text(bank_of_tuning(**bank))
+    file = experiment(tmp_path, "modes_of_operation = 4\nforce_bank = 1\n")
+    rows = bank | {"gain": bank["force_gain"]}
+    lines = (f"{key} = {rows[key]}\n" for key in ("gain", "integral_rad_per_s", "sections"))
+    file.write_text(file.read_text() + "[firmware.bank_1]\n" + "".join(lines))
+    of_tuning = limit("laboratory", "--law", tmp_path / "design.json")
+    assert of_tuning == limit("laboratory", "--law", file) and of_tuning["at"]
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"force_gain": 900.0}, "force_gain: expected a number from 0.00390625 to 255.996, got 90"),
+        ({"force_gain": 0.0}, "force_gain: expected a number from 0.00390625"),
+        ({"force_gain": -4.0}, "force_gain: expected a number from 0.00390625"),
+        ({"integral_rad_per_s": -5.0}, "integral_rad_per_s: expected a number from 0 to 1500, got"),
+        ({"integral_rad_per_s": 1501.0}, "integral_rad_per_s: expected a number from 0 to 1500"),
+        ({"velocity_gain": -0.1}, "velocity_gain: expected a number from 0 to 255.996, got -0.1"),
+        ({"velocity_gain": 256.0}, "velocity_gain: expected a number from 0 to 255.996"),
+        ({"sections": [[1.0, 0.0, 0.0]]}, "section 1: expected the 5 numbers b0, b1, b2, a1, a2"),
+        ({"sections": [[1.0, 0, 0, 0, 0]] * 4}, "expected at most 3 second-order sections, got 4"),
+        ({"sections": [[1.0, 0, 0, 0, 0], [16.1, 0, 0, 0, 0]]},
+         "section 2: expected a number from -16 to 16, got 16.1"),
+        ({"sections": [[1.0, 0, 0, 0, -17.0]]}, "section 1: expected a number from -16 to 16"),
+    ],
+)  # fmt: skip
+def test_a_bank_that_no_axis_can_store_is_refused_as_in_an_experiment(other, words, tmp_path):
+    (tmp_path / "design.json").write_text(bank_of_tuning(**other))
+    done = verbs.forceaxis("loop", "limit", "laboratory", "--law", tmp_path / "design.json")
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert words in done.stderr and "design.json: bank: " in done.stderr, done.stderr
+
+
+def test_no_command_without_skip_advises_it(tmp_path):
+    (tmp_path / "axis.toml").write_text("[firmware]\nforce_gian = 4\n")
+    told = verbs.forceaxis("loop", "limit", "laboratory", "--law", tmp_path / "axis.toml")
+    assert "correct the values of these objects" in told.stderr and "`" not in told.stderr
+    on = ("--on", f"sim:{paths.EXPERIMENTS}/hold_p.toml")
+    told = verbs.forceaxis("axis", "params", "diff", tmp_path / "axis.toml", *on)
+    assert "name them in `skip`" in told.stderr or "--skip" in told.stderr
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

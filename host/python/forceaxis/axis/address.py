@@ -38,19 +38,13 @@ TCP = re.compile(r"tcp://(\[[\w:.%]+\]|[^:/@?#\[\]\s]+)(?::([^/]*))?(?:/(.*))?")
 SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
 LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
 SIM = re.compile(r"sim:(.+?\.toml|[^@/]+)(?:@(.+))?")
-<<<<<<< HEAD
-# Pattern of texts that begin like another kind of address, so that they name no CAN interface.
-NOT_CAN = re.compile(r"(lcm|tcp|serial|sim)\d*(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL)
-# Form of an address of each kind, for error messages.
-=======
 NAMED_SIM = re.compile(r"sim:([^@/]+)@(.+)")
-# The words of the other kinds of address, and those words with a number: lcm, tcp0.
+# Pattern of texts that begin like another kind of address, with or without a number: lcm, tcp0.
 NOT_CAN = re.compile(
     r"((lcm|tcp|serial|sim)(\d*))(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL
 )
 NETWORK_INTERFACES = Path("/sys/class/net")
-# What an address of each of these kinds looks like.
->>>>>>> 2666092b (address: a store ending in .toml; CAN interfaces named sim0, lcm0)
+# Form of an address of each kind, for error messages.
 FORMS = {
     "tcp": "tcp://HOST/UNIT or tcp://HOST:PORT/UNIT, such as tcp://192.168.1.5/3",
     "serial": "serial:DEVICE:UNIT or serial:DEVICE@BITRATE:UNIT, such as serial:/dev/ttyUSB0:3",

@@ -264,12 +264,13 @@ def _file_entries(
         yield from table.items()
 
 
-def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
+def read(path: Path | str, node_id: int, skip: Collection[str] | None = None) -> ParameterFile:
     """Reads a parameter file as a ParameterFile. `skip`: names of objects or arrays that are not
-    read. If entries do not agree with the object table, raises one InputError that states all of
-    them."""
+    read; None if the user cannot choose them. If entries do not agree with the object table, raises
+    one InputError that states all of them."""
     tables = toml.read(path)
     header = _pop_header(path, tables)
+    can_skip, skip = skip is not None, skip or ()
     problems: list[str] = []
     skipped: set[str] = set()
     values: dict[str, int] = {}
@@ -297,7 +298,7 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
             "skip", f"{', '.join(sorted(unknown))}: expected names of objects that occur in {path}"
         )
     if problems:
-        raise _disagreement(path, header, problems)
+        raise _disagreement(path, header, problems, can_skip)
     left_out = {*header.without, *skip, *values}
     defaults = [
         o.name for o in PARAMETERS
@@ -308,15 +309,17 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
     return ParameterFile(parameters, tuple(defaults), measured)
 
 
-def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> InputError:
+def _disagreement(
+    path: Path | str, header: Header, problems: Sequence[str], can_skip: bool
+) -> InputError:
     """Returns the error for a parameter file whose entries do not agree with the object table."""
     theirs, ours = header.object_table, table_hash()
     where = f", which is of object table {theirs}, this one is {ours}"
     other_table = where if theirs not in ("", ours) else ""
-    return InputError(
-        f"{path}{other_table}: {'; '.join(problems)}; correct the values of these objects, or "
-        "read the file without these objects: name them in `skip`"
-    )
+    remedy = "correct the values of these objects"
+    if can_skip:
+        remedy += ", or read the file without these objects: name them in `skip`"
+    return InputError(f"{path}{other_table}: {'; '.join(problems)}; {remedy}")
 
 
 def table_hash() -> str:

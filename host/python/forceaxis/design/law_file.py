@@ -10,14 +10,18 @@ from forceaxis.axis import parameter_file
 from forceaxis.design.banks import BankFigures
 from forceaxis.errors import ParameterError
 from forceaxis.linear import bank, settings
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.law_text import LawText, parse_law
 from forceaxis.linear.settings import FirmwareLaw
+from forceaxis.objects import BY_NAME
 from forceaxis.results import from_json
 
 EXPECTED = (
     "a file with a law: an experiment, the bank.toml of a design, the dump of the "
     "parameters of an axis, or the design.json of a tuning"
 )
+
+COEFFICIENTS = "b0, b1, b2, a1, a2"  # of a second-order section
 
 
 def law_of(text: str) -> LawText:
@@ -76,4 +80,38 @@ def _of_design(path: Path) -> FirmwareLaw:
     figures = step.get("bank") if isinstance(step, dict) else None
     if figures is None:
         files.refuse(path, EXPECTED, "JSON without a bank", "choose another file")
-    return FirmwareLaw(law="bank", bank=from_json(BankFigures, figures, f"{path}: bank").bank)
+    where = f"{path}: bank"
+    return FirmwareLaw(law="bank", bank=_stored(where, from_json(BankFigures, figures, where)))
+
+
+def _stored(where: str, given: BankFigures) -> Bank:
+    """Returns the bank with the values that the firmware stores. Raises InputError, which begins
+    with `where`, for a value that the firmware cannot store, as for the bank of an experiment."""
+    most = BY_NAME["bank_sections_1"].max
+    if len(given.sections) > most:
+        raise InputError(
+            f"{where}: sections: expected at most {most} second-order sections, got "
+            f"{len(given.sections)}"
+        )
+    count = len(COEFFICIENTS.split(","))
+    for number, section in enumerate(given.sections, 1):
+        if len(section) != count:
+            raise InputError(
+                f"{where}: sections: section {number}: expected the {count} numbers "
+                f"{COEFFICIENTS}, got {len(section)}"
+            )
+        for value in section:
+            _expect(f"{where}: sections: section {number}", "bank_coefficient_1", value)
+    # A bank whose gain is 0 is not a law.
+    _expect(f"{where}: force_gain", "bank_gain_1", given.force_gain, bank.GAIN_STEP)
+    _expect(f"{where}: integral_rad_per_s", "bank_integral_1", given.integral_rad_per_s)
+    _expect(f"{where}: velocity_gain", "bank_velocity_gain_1", given.velocity_gain)
+    return given.bank.quantised()
+
+
+def _expect(where: str, name: str, value: float, least: float | None = None) -> None:
+    """Raises InputError for a value that is not in the range of an object of the firmware."""
+    known = BY_NAME[name]
+    low, high = known.min * known.scale if least is None else least, known.max * known.scale
+    if not low <= value <= high:
+        raise InputError(f"{where}: expected a number from {low:.6g} to {high:.6g}, got {value:g}")
