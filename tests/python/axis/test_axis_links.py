@@ -2,6 +2,7 @@
 tests/wire/test_axis_ways.py has both on real buses."""
 
 import contextlib
+import math
 import threading
 import time
 from pathlib import Path
@@ -439,6 +440,28 @@ def test_gateway_write_without_the_axis_waits_until_the_axis_is_set_up(monkeypat
     client = SettingUp("the axis is not set up yet", 3)
     GatewayLink(1, client=client).write({"cycle_acknowledge": 7})
     assert (client.left, client.written) == (0, {"cycle_acknowledge": 7})
+
+
+@pytest.mark.parametrize("controlword", [0, 2, 6, 7])
+def test_a_stop_over_a_gateway_is_sent_once_and_its_refusal_is_told_at_once(controlword):
+    """A stop never waits until the axis is set up."""
+    client = SettingUp("the axis is not set up yet", math.inf)
+    link = GatewayLink(1, client=client, ready_s=1.0)
+    sent = []
+    client.write_raw = lambda values: sent.append(values) or client.read_raw(values)
+    with pytest.raises(Refused, match="not set up yet"):
+        link.write({"controlword": controlword})
+    with pytest.raises(Refused, match="not set up yet"):
+        Axis(link).stop()
+    assert sent == [{"controlword": controlword}, {"controlword": 2}]
+
+
+@pytest.mark.parametrize("values", [{"controlword": 15}, {"controlword": 128}, {"force_gain": 1}])
+def test_any_other_write_over_a_gateway_waits_until_the_axis_is_set_up(monkeypatch, values):
+    monkeypatch.setattr(gateway, "RETRY_PERIOD_S", 0.001)
+    client = SettingUp("the axis is not set up yet", 3)
+    GatewayLink(1, client=client).write(values)
+    assert (client.left, client.written) == (0, values)
 
 
 def test_gateway_write_of_the_owner_is_not_repeated_after_a_restart_of_the_axis():

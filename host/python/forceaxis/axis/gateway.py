@@ -19,7 +19,7 @@ from forceaxis.axis.link import (
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, mask
 
 T = TypeVar("T")
 READY_S = 10.0
@@ -32,6 +32,9 @@ RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # device name (object 1008h) of every axis with the product code of forceaxis
 OBJECTS_PER_COMMAND = 64  # largest number of objects in one command to the gateway
+# Bits of the controlword that together enable the axis, and the bit that resets a fault (CiA 402).
+ENABLE = mask("controlword", "enable_voltage", "no_quick_stop", "switch_on", "enable_operation")
+FAULT_RESET = mask("controlword", "fault_reset")
 # Beginnings of the names of objects that a gateway sets for its own use.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
@@ -87,7 +90,8 @@ class GatewayLink(Link):
             # The gateway has set up an acquired axis.
             # If an acquired axis is no longer set up, it has restarted.
             # A late command must not reach a restarted axis, because the command may move it.
-            if self._keeper:
+            # A stop does not wait: if it is refused, the user has to know at once.
+            if self._keeper or _only_stops(values):
                 command()
             else:
                 self._when_set_up(command)
@@ -167,3 +171,10 @@ class GatewayLink(Link):
         self._end_keeper()
         if self._closes:
             self.client.close()
+
+
+def _only_stops(values: Mapping[str, int]) -> bool:
+    """Returns True for a write that can only stop the axis. The gateway carries it out even while
+    it sets up the axis."""
+    raw = values.get("controlword", ENABLE)
+    return len(values) == 1 and raw & ENABLE != ENABLE and not raw & FAULT_RESET
