@@ -66,18 +66,23 @@ def state(axis: Drive) -> AxisStatus:
     )
 
 
-def stop(axis: Drive) -> AxisStatus:
-    """Commands a quick stop, which also stops an axis that another client owns. Waits until the
-    axis is disabled, or at standstill if `quick_stop_option` keeps the axis enabled. Returns the
-    state of the axis. Raises NoAnswer, Refused."""
-    # another CANopen master may interrupt the write, so it is tried three times
-    for remaining in (2, 1, 0):
+def command_stop(axis: Drive) -> None:
+    """Commands a quick stop, which also stops an axis that another client owns, and does not wait
+    for the stop. Raises NoAnswer, Refused."""
+    for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer of an object
         try:
             axis.link.write({"controlword": QUICK_STOP})
             break
         except NoAnswer:
             if not remaining:
                 raise
+
+
+def stop(axis: Drive) -> AxisStatus:
+    """Commands a quick stop, as command_stop() does. Waits until the axis is disabled, or at
+    standstill if `quick_stop_option` keeps the axis enabled. Returns the state of the axis. Raises
+    NoAnswer, Refused."""
+    command_stop(axis)
     axis.wait_for(
         StoppedObjects,
         lambda s: s.state != "operation enabled",

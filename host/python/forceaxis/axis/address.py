@@ -14,6 +14,7 @@ another program already has the default node id.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
@@ -115,10 +116,10 @@ class SerialAddress:
         return f"serial:{self.device}{_part('@', self.bit_rate)}{_part(':', self.number)}"
 
     def link(self, timeout_s: float | None = None) -> Link:
-        from forceaxis.axis.modbus import BAUD_RATE, ModbusLink
+        from forceaxis.axis.modbus import ModbusLink
 
-        unit, rate = self.number or DEFAULT_NUMBER, self.bit_rate or BAUD_RATE
-        return ModbusLink(self.device, unit, bit_rate=rate, **_within(timeout_s))
+        unit = self.number or DEFAULT_NUMBER
+        return ModbusLink(self.device, unit, bit_rate=bit_rate(self), **_within(timeout_s))
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,28 @@ def _within(timeout_s: float | None) -> _Within:
 def bus(address: Address) -> Address:
     """Returns the address of the bus to which an axis is connected."""
     return address if isinstance(address, SimAddress) else replace(address, number=None)
+
+
+def shared(address: Address) -> tuple[object, ...]:
+    """Returns what only one connection of a program at a time should use: a serial device, the
+    server of Modbus TCP, the SDO channel of a node on CAN, otherwise the axis. The result is equal
+    for different spellings of one device or server."""
+    if isinstance(address, SerialAddress):
+        return "serial", os.path.realpath(address.device)
+    if isinstance(address, TcpAddress):
+        from forceaxis.axis.modbus import PORT
+
+        return "tcp", address.host.lower(), address.port or PORT
+    if isinstance(address, CanAddress):
+        return "can", address.interface, address.number or DEFAULT_NUMBER
+    return (address,)
+
+
+def bit_rate(address: SerialAddress) -> int:
+    """Returns the bit rate of a serial line in bit/s, by default that of the firmware."""
+    from forceaxis.axis.modbus import BAUD_RATE
+
+    return address.bit_rate or BAUD_RATE
 
 
 def numbered(address: Address) -> Address:

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from pymodbus.pdu import ModbusPDU
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
-SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # the path of a device may contain colons
-BAUD_RATE = 115_200  # default baud rate of the firmware, with 8 data bits and even parity
+SERIAL_URL = re.compile(r"(/.+?)(?::([0-9]{3,7}))?")  # a path may contain colons
+PORT = 502  # port of a Modbus server on TCP
+BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
 # size in bytes of the objects cycle_data_1 to cycle_data_16, and of the head of an update
 PART_BYTES = 64
@@ -72,7 +73,7 @@ def client(url: str, timeout_s: float = 1.0, bit_rate: int | None = None) -> "Mo
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
     made: list[ModbusBaseSyncClient] = []
     if tcp is not None:
-        port = int(tcp[2] or 502)
+        port = int(tcp[2] or PORT)
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         device, baud = (url, bit_rate) if bit_rate else (serial[1], int(serial[2] or BAUD_RATE))

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import fnmatch
 import sys
 import textwrap
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -20,8 +16,9 @@ import click
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.axis import address as addresses
-from forceaxis.axis.address import Address, LcmAddress, SerialAddress, SimAddress, TcpAddress
+from forceaxis.axis.address import Address, LcmAddress, SimAddress
 from forceaxis.cli import live_options
+from forceaxis.cli.axis_stop import StoppedAxis, stop_all
 from forceaxis.cli.common import (
     Object,
     Positive,
@@ -49,7 +46,6 @@ if TYPE_CHECKING:
     from forceaxis.axis.actions import AxisStatus, PressSample
     from forceaxis.axis.axis import Axis
     from forceaxis.axis.scan import ScannedAxis
-    from forceaxis.results import Convertible
 
 
 @click.group(
@@ -264,69 +260,41 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
     epilog="""forceaxis axis stop --on can0:3
     forceaxis axis stop --on can0:1 --on can0:2 --on lcm:7"""
 )
-@live_options.options(is_repeatable=True)
+@live_options.options(is_repeatable=True, keeps_wrong=True)
 @as_json
 def stop(connection: AxisConnection, as_json: bool) -> None:
     """Stop one or more axes by a quick stop, even if another client owns them.
 
-    Several axes are stopped at the same time. Only those of one Modbus line are stopped one after
-    the other. If an axis cannot be reached, the others are stopped all the same. The exit status is
-    then 1. --json prints one object for each axis.
+    Several axes are stopped at the same time. Those of one Modbus line are commanded one after the
+    other, before the first of them is waited for. If an axis cannot be reached, the others are
+    stopped all the same, and the exit status is 1. It is 2 if an address is wrong. --json prints
+    one object for each axis.
 
     The object quick_stop_option selects whether the axis stops by a ramp or at once. Before its
     owner can enable the axis again, the owner has to send a controlword that does not enable.
     """
-    each = connection.several()
-    if len(each) == 1:
+    each, wrong = connection.several()
+    if len(each) == 1 and not wrong:
         with connected(each[0]) as axis:
             axis.stop()
             print_state(axis, "stopped", as_json)
         return
-    buses: dict[Address, threading.Lock] = {}  # a Modbus line has one connection at a time
-    failed = False
-    with ThreadPoolExecutor(len(each)) as pool:
-        jobs = []
-        for one in each:
-            is_line = isinstance(one.address, TcpAddress | SerialAddress)
-            line = addresses.bus(one.address) if is_line else one.address
-            jobs.append(pool.submit(stop_one, one, buses.setdefault(line, threading.Lock())))
-        for job in as_completed(jobs):
-            done = job.result()
-            if isinstance(done, StoppedAxis):
-                print_result(done.result(), as_json, partial(fitted, done.text, 2))
-            else:
-                failed = True
-                click.echo(f"forceaxis: {done}", err=True)
-    if failed:
-        sys.exit(1)
+    failed: list[str] = []
 
+    def report(done: StoppedAxis | str) -> None:
+        if isinstance(done, StoppedAxis):
+            print_result(done.result(), as_json, partial(fitted, done.text, 2))
+        else:
+            failed.append(done)
+            click.echo(f"forceaxis: {done}", err=True)
 
-@dataclass(frozen=True)
-class StoppedAxis:
-    """One of several axes that `forceaxis axis stop` has stopped."""
-
-    axis: str  # address of the axis
-    state: AxisStatus
-    text: str
-
-    def result(self) -> dict[str, Convertible]:
-        """Return the address and the state of the axis for --json."""
-        return {"axis": self.axis, **vars(self.state)}
-
-
-def stop_one(connection: AxisConnection, line: threading.Lock) -> StoppedAxis | str:
-    """Stop one of several axes. Return its state, or the text of the error. An error is returned
-    and not raised, because the other axes have to be stopped all the same."""
-    from forceaxis.axis.axis import Axis
-
-    where = str(connection.address)
     try:
-        with line, contextlib.closing(Axis(connection.link())) as axis:
-            now = axis.stop()
-            return StoppedAxis(where, now, state_text(axis, f"{where}: stopped", now))
-    except Exception as error:
-        text = with_commands(str(error) or repr(error), connection.options())
-        return f"{where}: {' '.join(text.split())}"
+        stop_all(each, state_text, report)
+    finally:
+        for text in wrong:
+            click.echo(f"forceaxis: {text}", err=True)
+    if failed or wrong:
+        sys.exit(2 if wrong else 1)
 
 
 @axis.command(epilog="forceaxis axis start --on can0:3")

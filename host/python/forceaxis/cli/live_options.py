@@ -52,19 +52,33 @@ STARTED = Kinds(
 )
 
 
-class AxisAddress(click.ParamType[Address]):
+class AxisAddress(click.ParamType[Address | InputError]):
     """Type of the option --on, the address of an axis. A shell can complete CAN interfaces, serial
-    devices and simulated axes."""
+    devices and simulated axes. `keeps_wrong`: the value for a wrong address is its error, which
+    the command reports after it has used the other addresses."""
 
     name = "address"
 
-    def __init__(self, accepted: Kinds = ANY, is_repeatable: bool = False) -> None:
+    def __init__(
+        self, accepted: Kinds = ANY, is_repeatable: bool = False, keeps_wrong: bool = False
+    ) -> None:
         self.accepted, self.is_repeatable = accepted, is_repeatable
+        self.keeps_wrong = keeps_wrong
 
     def convert(
-        self, value: str | Address, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Address:
-        return self.address("--on", value) if isinstance(value, str) else value
+        self,
+        value: str | Address | InputError,
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Address | InputError:
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.address("--on", value)
+        except InputError as error:
+            if self.keeps_wrong:
+                return error
+            raise
 
     def address(self, source: str, text: str) -> Address:
         """Return the address in `text`. Raises InputError for another text, or for a kind of
@@ -125,6 +139,7 @@ class AxisConnection:
     accepted: Kinds = ANY
     source: str = "--on"
     model: str | None = None  # path of a model whose encoder converts encoder counts to mm
+    wrong: tuple[InputError, ...] = ()  # errors of further addresses, for several()
 
     @property
     def is_simulated(self) -> bool:
@@ -144,7 +159,7 @@ class AxisConnection:
         InputError."""
         text = os.environ.get(ENVIRONMENT)
         found = self
-        if text and not self.addresses:
+        if text and not self.addresses and not self.wrong:
             address = AxisAddress(self.accepted).address(ENVIRONMENT, text)
             address = addresses.bus(address) if is_bus else addresses.numbered(address)
             has_axis = isinstance(address, SimAddress) or address.number is not None
@@ -157,15 +172,24 @@ class AxisConnection:
             )
         return found
 
-    def several(self) -> list[AxisConnection]:
-        """Return the connections to one or more axes, one for each different address of chosen().
-        Raises InputError."""
-        found = self.chosen()
-        each = [
-            dataclasses.replace(found, addresses=(one,))
-            for one in dict.fromkeys(map(addresses.numbered, found.addresses))
-        ]
-        return [one.one() for one in each] or [found.one()]
+    def several(self) -> tuple[list[AxisConnection], list[str]]:
+        """Return the connections to one or more axes, one for each different address of chosen(),
+        and a text for each error in the options. Raises InputError if the user gave no address."""
+        wrong = [str(error) for error in self.wrong]
+        try:
+            found = self.chosen()
+        except InputError as error:
+            if not self.addresses:
+                raise
+            wrong.append(str(error))
+            found = dataclasses.replace(self, overrides=())
+        each = []
+        for address in dict.fromkeys(map(addresses.numbered, found.addresses)):
+            try:
+                each.append(dataclasses.replace(found, addresses=(address,)).one())
+            except InputError as error:
+                wrong.append(str(error))
+        return (each, wrong) if each or wrong else ([found.one()], [])
 
     def one(self) -> AxisConnection:
         """Return the connection to exactly one axis: the result of chosen(). Raises InputError."""
@@ -181,14 +205,15 @@ class AxisConnection:
             )
         return found
 
-    def link(self) -> Link:
-        """Connect to the axis and return the open connection. Raises InputError for wrong options
-        and NoAnswer if the axis does not respond."""
+    def link(self, timeout_s: float | None = None) -> Link:
+        """Connect to the axis and return the open connection. `timeout_s`: longest time in s to
+        wait for an answer, by default that of the kind of connection. Raises InputError for wrong
+        options and NoAnswer if the axis does not respond."""
         address = self.address
         if isinstance(address, SimAddress):
             address = dataclasses.replace(address, overrides=self.overrides)
         try:
-            found = address.link()
+            found = address.link(timeout_s)
         except ParameterError as error:
             raise InputError(f"{self.source}: {error.text}") from None
         if self.model is not None:
@@ -211,42 +236,49 @@ class AxisConnection:
 
 
 def on_option(
-    accepted: Kinds = ANY, help_text: str = "", is_repeatable: bool = False
+    accepted: Kinds = ANY,
+    help_text: str = "",
+    is_repeatable: bool = False,
+    keeps_wrong: bool = False,
 ) -> Callable[[Callback], Callback]:
     """Return a decorator that adds the option --on to a command. The function of the command
-    receives a tuple of addresses as the parameter `on`. `is_repeatable`: True if the command
-    accepts several addresses. Other commands refuse a second address."""
+    receives a tuple of addresses as the parameter `on`. `is_repeatable`: the command takes several
+    addresses, and not only to refuse them. `keeps_wrong`: as in AxisAddress."""
     example = addresses.examples(accepted.kinds)
     repeated = " Repeatable." if is_repeatable else ""
     return click.option(
         "--on",
         multiple=True,
-        type=AxisAddress(accepted, is_repeatable),
+        type=AxisAddress(accepted, is_repeatable, keeps_wrong),
         metavar="ADDRESS",
         help=help_text or f"Address of the axis: {example}. Default: {ENVIRONMENT}.{repeated}",
     )
 
 
-def options(accepted: Kinds = ANY, is_repeatable: bool = False) -> Callable[[LiveVerb[P]], Verb]:
+def options(
+    accepted: Kinds = ANY, is_repeatable: bool = False, keeps_wrong: bool = False
+) -> Callable[[LiveVerb[P]], Verb]:
     """Return a decorator that adds the options of a connection to a command. The function of the
-    command receives the values of the options as an `AxisConnection`, with any number of addresses.
-    `is_repeatable`: as in on_option()."""
+    command receives the values of the options as an `AxisConnection`, which may have no address or
+    several. `is_repeatable`, `keeps_wrong`: as in on_option()."""
 
     def decorated(command: LiveVerb[P]) -> Verb:
         @functools.wraps(command)
         def with_connection(
-            on: tuple[Address, ...],
+            on: tuple[Address | InputError, ...],
             overrides: tuple[str, ...] = (),
             *arguments: P.args,
             **given: P.kwargs,
         ) -> None:
-            command(AxisConnection(on, overrides, accepted), *arguments, **given)
+            right = tuple(one for one in on if not isinstance(one, InputError))
+            wrong = tuple(one for one in on if isinstance(one, InputError))
+            command(AxisConnection(right, overrides, accepted, wrong=wrong), *arguments, **given)
 
         found: Verb = with_connection
         if "sim" in accepted.kinds:
             text = "A parameter of the model. For a simulated axis: as in `forceaxis run`."
             found = set_option(text)(found)
-        return on_option(accepted, is_repeatable=is_repeatable)(found)
+        return on_option(accepted, is_repeatable=is_repeatable, keeps_wrong=keeps_wrong)(found)
 
     return decorated
 
@@ -302,8 +334,7 @@ def connected(connection: AxisConnection) -> Iterator[Axis]:
     with errors(connection):
         try:
             axis = Axis(connection.link())
-            if axis.link.warning:
-                click.echo(f"forceaxis: warning: {axis.link.warning}", err=True)
+            warn_of_link(axis)
             yield axis
         except KeyboardInterrupt as interrupt:
             end = f", {axis.link.where} {axis.close()}" if axis else ""
@@ -313,6 +344,12 @@ def connected(connection: AxisConnection) -> Iterator[Axis]:
             signal.signal(signal.SIGTERM, before)
             if axis:
                 axis.close()
+
+
+def warn_of_link(axis: Axis) -> None:
+    """Print the warning of the connection to an axis, if there is one."""
+    if axis.link.warning:
+        click.echo(f"forceaxis: warning: {axis.link.warning}", err=True)
 
 
 def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
