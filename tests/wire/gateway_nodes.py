@@ -25,7 +25,7 @@ class OtherTable(threading.Thread):
 
     def __init__(self):
         super().__init__(daemon=True)
-        self.can, self.stop, self.downloads, self.starts = Can(), threading.Event(), 0, 0
+        self.can, self.stop, self.downloads, self.starts = Can(), threading.Event(), [], 0
         self.lost = []
 
     def run(self):
@@ -43,7 +43,10 @@ class OtherTable(threading.Thread):
             if frame[1][0] == 0x80:  # an abort
                 continue
             if frame[1][0] >> 5 != 2:
-                self.downloads += 1
+                self.downloads.append([index, *struct.unpack("<I", frame[1][4:])])
+                confirmed = struct.pack("<BHBI", 0x60, index, sub, 0)
+                self.can.send(0x582 if frame[0] == 0x602 else frame[0] + 1, confirmed)
+                continue
             request = (frame[0], index, sub)
             if (index, sub) in self.LOST and request not in self.lost:
                 self.lost.append(request)
@@ -67,6 +70,7 @@ def other_table():
             axis.take()
         except Refused as error:
             found["write"] = str(error)
+        found["stopped"] = list(axis.write_raw({"controlword": 2}).object)
         found["by_address"] = axis.read("0x1018:2")
         found["asked_again"] = [axis.read("0x1018:1"), len(node.lost)]
         found["modbus"] = Tcp().ask(2, struct.pack(">BHH", 6, 0x0114, 1)).hex()
