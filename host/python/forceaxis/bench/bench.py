@@ -22,7 +22,7 @@ mujoco needs four steps for each tick to be stable. scipy uses RK45 with the tol
 terminal events, and has only the cases A and B.
 
 On request, the benchmark also measures the times of sweeps, frequency responses, critical gains and
-the table of `forceaxis loop advise`.
+the table of the advice on a loop.
 """
 
 import ctypes
@@ -442,7 +442,7 @@ def fresh_limit(loop: "Loop") -> "Limit":
 
 def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     """Measures the CPU times of a frequency response, of a critical gain, and of the table of
-    `forceaxis loop advise`. The first two are computed with forceaxis and with python-control.
+    the advice on a loop. The first two are computed with forceaxis and with python-control.
 
     Both tools use the same matrices. The frequency response has 10,000 frequencies, and its time
     includes the transformation of the matrices to Hessenberg form. forceaxis computes the critical
@@ -569,7 +569,7 @@ def ratio(a: float | None, b: float | None) -> float | None:
 
 def linear_checks(rows: Iterable[AnalysisSpeed]) -> list[Requirement]:
     """Returns the requirements on the CPU times of the linear analysis. The time for the table of
-    `forceaxis loop advise` is compared with the time that python-control needs for one critical
+    the advice on a loop is compared with the time that python-control needs for one critical
     gain of the same model."""
     checks = []
     # CPU time of python-control in the last row in which it was measured
