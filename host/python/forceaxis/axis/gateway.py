@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import TypeVar
 
+from forceaxis.axis.drive import ENABLE, FAULT_RESET
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
     DEVICE_NAME_INDEX,
@@ -19,7 +20,7 @@ from forceaxis.axis.link import (
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
-from forceaxis.objects import BY_NAME, mask
+from forceaxis.objects import BY_NAME
 
 T = TypeVar("T")
 READY_S = 10.0
@@ -32,9 +33,6 @@ RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # device name (object 1008h) of every axis with the product code of forceaxis
 OBJECTS_PER_COMMAND = 64  # largest number of objects in one command to the gateway
-# Bits of the controlword that together enable the axis, and the bit that resets a fault (CiA 402).
-ENABLE = mask("controlword", "enable_voltage", "no_quick_stop", "switch_on", "enable_operation")
-FAULT_RESET = mask("controlword", "fault_reset")
 # Beginnings of the names of objects that a gateway sets for its own use.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
