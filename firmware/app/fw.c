@@ -46,13 +46,14 @@ static uint8_t fault_of(const fw_t *fw) {
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-/* Returns true if a write to this object is refused now. A running first motion test keeps the
- * bounds with which the test began. */
+/* Returns true if the running first motion test refuses a write to this object. The test keeps the
+ * bounds with which it began. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
 
-/* Returns the largest permitted value of dac_bits. A drive on a bus receives all 16 bits. */
+/* Returns the largest permitted value of dac_bits. If the axis has a drive on a bus, this is 16,
+ * because such a drive receives all bits of the output code. */
 static uint8_t most_dac_bits(const fw_t *fw) {
   const bool is_any = fw->config.dac_bits == 0 || fw->device.drive_node_id != 0;
   return is_any ? (uint8_t)AXIS_DAC_BITS_MAX : fw->config.dac_bits;
@@ -226,9 +227,9 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   }
 }
 
-/* Ends a running cycle if the written value affects the verdict on the pressed part. Resets the
- * date 1020h after a change of a stored parameter, because the configuration then differs from the
- * verified configuration. */
+/* Ends a running cycle if the written value affects the verdict on the pressed part. After a change
+ * of a stored parameter, resets the date of the verified configuration (1020h), because the present
+ * configuration then differs from it. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
   if (axis_objects[object].in_cycle == AXIS_IN_CYCLE_ENDS) {

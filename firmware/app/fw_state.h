@@ -134,15 +134,19 @@ typedef struct {
   cycle_results_t waiting;
   cycle_part_t last; /* result of the last pressed part; its number is 0 if no part was pressed */
   results_counts_t counts;
-  results_counts_t stored; /* counts that the parameter store has or is about to write */
-  uint32_t given_tick; /* tick in which the parameter store was last asked to write the counts */
+  /* counts of pressed parts that the parameter store contains or is about to write */
+  results_counts_t stored;
+  /* tick in which the parameter store was last asked to write the counts of pressed parts */
+  uint32_t given_tick;
   /* value of cycle_count for the last cycle to which a serial number was assigned */
   uint32_t starts;
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
-  uint8_t changed;                     /* 1 if `counts` differ from `stored` */
-  uint8_t urgent;                      /* 1 if the counts must be stored at once */
-  uint8_t has_power_up;                /* 1 if the number of this power-up is stored */
-  uint8_t is_loaded;                   /* 1 after the counts were read from the parameter store */
+  /* 1 if the counts of pressed parts differ from those in the parameter store */
+  uint8_t changed;
+  uint8_t urgent;       /* 1 if the counts of pressed parts must be stored at once */
+  uint8_t has_power_up; /* 1 if the number of this power-up is stored */
+  /* 1 after the counts of pressed parts were read from the parameter store */
+  uint8_t is_loaded;
 } results_t;
 
 typedef struct {
@@ -162,7 +166,7 @@ typedef struct {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence; /* number of ticks since the last write of the owner */
+  uint32_t source_silence; /* number of ticks since the last write of the owner of the axis */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
   uint32_t curve_cycle;    /* value of cycle_count for the cycle to which the curve belongs */
   uint32_t parts_tick;     /* tick in which the last piece of a cycle program was received

@@ -3,8 +3,9 @@
 #include "firmware/drive/drive.h"
 #include "firmware/drive/state.h"
 
-/* Returns true if the drive has power. The signal active_mode belongs to the last tick, so the
- * drive state may be one step ahead of active_mode. A firmware on no bus does not run the drive. */
+/* Returns true if the drive has power. The function reads the drive state and not the signal
+ * active_mode, because active_mode belongs to the last tick. A firmware on no bus does not run the
+ * drive. */
 static bool will_be_active(const fw_t *fw) {
   return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
 }
@@ -13,8 +14,8 @@ static bool may_command(const fw_t *fw, uint8_t source) {
   return source == FW_SOURCE_LOCAL || source == fw->device.command_source;
 }
 
-/* Returns true if a bus may acquire the axis from another owner: the bus writes its own number to
- * command_source, and the axis is disabled. */
+/* Returns true if a write of a bus to command_source acquires the axis from another owner. The bus
+ * must write its own number, and the axis must be disabled. */
 static bool may_acquire(const fw_t *fw, uint8_t source, int32_t value) {
   return value == source && !will_be_active(fw) &&
          fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
@@ -51,7 +52,8 @@ static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   return is_refused ? FW_ERROR_STATE : FW_OK;
 }
 
-/* Returns true if the column `writable` of the object table permits a write now. */
+/* Returns true if the column `writable` of the object table permits a write to this object in the
+ * present state. */
 static bool is_writable(const fw_t *fw, const axis_object_t *entry) {
   const uint8_t recorder = fw->recorder.signals.recorder_state;
   switch (entry->writable) {
@@ -142,8 +144,9 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
     hold(fw, source);
   }
   if (enables) {
-    /* Modbus clients on the serial line and behind a gateway have the same source number. If CAN
-     * fails, a Modbus client that enabled the axis over CAN loses the axis. */
+    /* A Modbus client on the serial line and a Modbus client behind a gateway have the same source
+     * number. So a Modbus client that enables the axis over CAN is marked as an owner on CAN, which
+     * loses the axis if CAN fails. */
     fw->owner_on_can |= (uint8_t)(fw->on_serial == 0);
     if (!is_watched(fw)) {
       warn(fw);

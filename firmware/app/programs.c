@@ -13,7 +13,7 @@ _Static_assert(AXIS_CYCLE_PROGRAM_REFUSAL_COUNT == (int)CYCLE_REASONS, "reasons 
 
 enum { DATA_WORDS = AXIS_OBJ_CYCLE_DATA_16 - AXIS_OBJ_CYCLE_DATA_1 + 1 };
 
-/* Writes the state of the library and of the selected cycle program to the signals. */
+/* Shows the state of the library and of the selected cycle program in the signals. */
 static void show_programs(fw_t *fw) {
   const cycle_header_t *program = fw->drive.program;
   fw->device_signals.cycle_program_crc = (program == NULL) ? 0 : cycle_program_crc(program);

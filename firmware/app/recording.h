@@ -13,7 +13,7 @@
  * the address of an object that has a value. Returns FW_OK or FW_ERROR_RANGE. */
 int recording_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns the recorder channel with which an object is recorded: the offset and the type of the
+/* Returns the recorder channel for an object. A channel consists of the offset and the type of the
  * value of the object. */
 recorder_channel_t recording_channel(const fw_t *fw, uint16_t object);
 

@@ -12,8 +12,9 @@
  * messages, because the cause of a message could occur in every tick. */
 void reports_limited(fw_t *fw, uint16_t code);
 
-/* Bits of the value that reports_contact_seen() returns. They mean contact, saturation of the force
- * law, limit cycle, restricted force law and expired calibration. */
+/* Bits of the value that reports_contact_seen() returns: the axis is in contact; the force law is
+ * saturated; the force oscillates in a limit cycle; the force law is restricted; the calibration
+ * has expired. */
 enum {
   REPORTS_CONTACT = 1,
   REPORTS_SATURATED = 2,
@@ -27,7 +28,7 @@ enum {
 enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
-  /* Each of the other terms of the sum is 0 or 1. */
+  /* Each of the other factors is 0 or 1, so every term of the sum has its own bits. */
   return (
       uint8_t)(signals->contact * REPORTS_CONTACT + signals->force_saturated * REPORTS_SATURATED +
                signals->limit_cycle * REPORTS_LIMIT_CYCLE +

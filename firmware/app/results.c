@@ -51,8 +51,8 @@ static void show_part(fw_t *fw) {
                                               : (uint8_t)AXIS_CYCLE_RESULT_VERDICT_NONE;
 }
 
-/* Returns the smallest number of a part whose result was not acknowledged, or 0 if there is no such
- * part. */
+/* Returns the smallest number of a part whose result no client has acknowledged, or 0 if there is
+ * no such part. */
 static uint32_t oldest_waiting(const fw_t *fw) {
   const uint32_t lost = fw->device_signals.cycle_lost_first;
   return (lost != 0) ? lost : cycle_results_oldest(&fw->results.waiting);
@@ -136,8 +136,8 @@ void results_loaded(fw_t *fw) {
     take_stored(fw);
     fw->results.is_loaded = 1;
   }
-  /* The bytes of `stored` are the counts in the memory of the parameter store. The store copies
-   * them when it changes to the other sector. */
+  /* The field `stored` is the memory with the counts that the parameter store reads. The parameter
+   * store also reads it later, when it continues in its other sector. */
   const uint8_t *bytes = (const uint8_t *)(const void *)&fw->results.stored;
   const bool exist = store_part_bytes(&fw->store, STORE_COUNTS) == STORE_COUNTS_BYTES;
   if (exist) {
@@ -278,14 +278,14 @@ void results_follow(fw_t *fw) {
   if (started == 1) {
     move_serial(results->serial, fw->device.cycle_serial);
   } else if (started != 0 && !has_serial(fw)) {
-    /* The start of the cycle was withdrawn. */
+    /* The start of the cycle was withdrawn, because the cycle was stopped before its first tick. */
     move_serial(fw->device.cycle_serial, results->serial);
   }
   results->starts = fw->drive.signals.cycle_count;
 }
 
-/* Returns true if the counts must be written to the parameter store now. `is_given` is true if an
- * earlier write of the same counts failed. */
+/* Returns true if the counts of parts must be written to the parameter store now. `is_given` is
+ * true if the store has already tried to write the same counts and has failed. */
 static bool are_due(const fw_t *fw, bool is_given) {
   const results_t *results = &fw->results;
   const uint32_t age = fw->axis.signals.tick_count - results->given_tick;

@@ -49,7 +49,7 @@ static uint8_t write_tare(fw_t *fw) {
   switch (refusal) {
     case FW_OK:
       return AXIS_TARE_STATE_DONE;
-    /* The range is exceeded if tare_band was reduced after the tare measurement. */
+    /* The tare exceeds tare_band, because tare_band was reduced after the tare measurement. */
     case FW_ERROR_RANGE:
       return AXIS_TARE_STATE_REFUSED_BAND;
     default:

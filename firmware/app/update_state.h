@@ -26,7 +26,7 @@ typedef struct {
   update_head_t head;
   uint32_t size; /* size of the update in bytes that the client has announced; 0: not announced */
   uint32_t received;     /* number of received bytes of the update */
-  uint32_t crc;          /* CRC-32 of those bytes of the image that were programmed so far */
+  uint32_t crc;          /* CRC-32 of the bytes of the image that were programmed so far */
   uint32_t tick;         /* tick in which the last bytes were received */
   uint32_t sequence;     /* sequence number of the running image */
   uint32_t overrun_tick; /* tick of the last overrun */

@@ -119,8 +119,8 @@ static void latch_fault(axis_t *axis, uint8_t fault) {
 }
 
 /* Returns the mode whose control law is computed in this tick. If the result is disabled, also sets
- * the outputs to the safe state. While the axis waits for a fitted drive, the amplifier stays on in
- * this state. */
+ * the outputs to the safe state. Exception: while the axis waits until its drive on a bus is on,
+ * the result is disabled, but the amplifier stays on. */
 static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                           axis_outputs_t *restrict outputs) {
   /* Every mode may follow every other mode, because the change is bumpless. */
@@ -220,7 +220,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
         (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16) : axis->command_q16;
     set_output(axis, inputs->din, due_q16);
   }
-  /* At this point dac_fine is still the output that was computed in the previous tick. */
+  /* Until the next call of set_output(), dac_fine is the output that was computed in the previous
+   * tick. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
     signals->bump_bias =

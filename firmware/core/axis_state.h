@@ -91,7 +91,8 @@ typedef struct {
   int32_t excitation_q16;
   /* command before any limit, in 1/65536 code, rounded to the resolution of dac_bits */
   int32_t command_q16;
-  int32_t step_mask;       /* value of fx_step_mask(dac_bits) */
+  /* mask with which the command is rounded to the resolution of the DAC: fx_step_mask(dac_bits) */
+  int32_t step_mask;
   axis_codes_t free_codes; /* range of the output code, in DAC codes, in a tick without contact */
   /* range of the DAC code that this tick computes, also if the code is output one tick later */
   axis_codes_t law_codes;
@@ -103,7 +104,8 @@ typedef struct {
   /* 1 if bumpless transfer acts at the contact, so that the DAC code continues from its previous
    * value */
   uint8_t bumpless_contact;
-  uint8_t primed; /* 1 if signals.position is a valid encoder count of the last tick */
+  /* 1 if signals.position is a valid encoder count that was read in the last tick */
+  uint8_t primed;
   /* 1 if bumpless transfer acts in the next tick, so that the next DAC code continues from the last
    * output */
   uint8_t rebase;
@@ -115,7 +117,8 @@ typedef struct {
   /* number of ticks since the amplifier was enabled. It counts only until the drive on the bus
    * reports that it is on */
   uint16_t drive_wait_tick;
-  /* value of axis_inputs_t.position_age in the last tick; the same for `force_age` */
+  /* age of the position in the last tick, as in axis_inputs_t; `force_age`: age of the force in the
+   * last tick */
   uint8_t position_age;
   uint8_t force_age;
   /* remainder, in encoder counts, that the computation of the velocity adds to the next velocity;

@@ -2,8 +2,8 @@
 #define FIRMWARE_CORE_FORCE_CONTROL_H_
 
 /* Force mode: computes the active force law from the state of the axis. force_control_step() has
- * its own source file. So the compiler allocates the registers of the other modes without regard to
- * it. */
+ * its own source file, so that the registers that it needs do not influence the code of the other
+ * modes. */
 
 #include <stdint.h>
 

@@ -5,7 +5,7 @@
 #include "firmware/fx/fx.h"
 
 #define ONE_Q26 INT32_C(67108864)
-/* largest signal of the force law: 2^14 counts, or 2^14 DAC codes */
+/* largest magnitude of a signal of the force law: 2^14 counts of force, or 2^14 DAC codes */
 #define SIGNAL_MAX_Q16 INT32_C(1073741824)
 
 static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS],

@@ -12,7 +12,8 @@ static int32_t clamp_to(int32_t command_q16, axis_codes_t codes) {
 int32_t limits_bound(axis_t *axis, int32_t command_q16) {
   fx_assert(axis->bounded != 0 && axis->bounded <= AXIS_BOUNDED_TICKS);
   const axis_codes_t codes = codes_of(axis);
-  /* A code of this tick is not output in a later tick, so no range acts any longer. */
+  /* No code that is computed in this tick is output in a later tick, so the ranges have no effect
+   * in the next tick. */
   axis->bounded = 0;
   return clamp_to(command_q16, codes);
 }

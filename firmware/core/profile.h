@@ -41,14 +41,14 @@ static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, 
   if (wanted > down && fx_stops_within(wanted, down, room)) {
     return wanted;
   }
-  /* The profile keeps its speed as long as the braking distance leaves more than one tick of
-   * travel. When the profile brakes afterwards, its last speed is below `down`. */
+  /* Keeps the speed v as long as the braking distance at this speed leaves more than one tick of
+   * travel to the target. When the profile brakes afterwards, its last speed is below `down`. */
   if (v > down && v <= most && fx_stops_within(v, down, room)) {
     return v;
   }
-  /* Computes the last step before the target. From a step of at most `down` the profile can stop in
-   * the next tick. If v is more than twice `down`, the lower bound v - down makes this step a
-   * braking step. */
+  /* The last step before the target. After a step of at most `down` the profile can stop in the
+   * next tick. If v is more than twice `down`, the lower bound v - down is the result, and the
+   * profile brakes. */
   const int32_t limit = (most < down) ? most : down;
   const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
   return fx_clamp(landing, v - down, v + up);

@@ -48,7 +48,7 @@ typedef struct {
    * beyond the end of the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
-  /* 1 if trigger_previous is the value of the trigger signal in the last tick */
+  /* 1 if the field trigger_previous contains the value of the trigger signal in the last tick */
   uint8_t trigger_primed;
   /* trigger_rising: true if a rising edge starts the recording; trigger_falling: true if a falling
    * edge starts the recording */

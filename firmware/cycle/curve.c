@@ -29,7 +29,7 @@ static uint8_t phase_of(const cycle_curve_point_t *point) {
   return (uint8_t)fx_field((uint32_t)point->force_phase, 0, FORCE_BIT);
 }
 
-/* Returns the doubled step of a curve, at most UINT32_MAX. */
+/* Returns twice the step of a recorded curve, limited to UINT32_MAX. */
 static uint32_t doubled(uint32_t step) {
   const uint32_t twice = step + step;
   return (twice < step) ? UINT32_MAX : twice;
@@ -40,7 +40,7 @@ static uint32_t doubled(uint32_t step) {
 static void thin(cycle_curve_t *curve) {
   cycle_curve_point_t *points = curve->points;
   uint32_t kept = 0;
-  /* number of the phase of the point before the two compared points */
+  /* phase number of the point that precedes the two points that are compared */
   uint8_t phase = phase_of(points);
   for (uint32_t i = 0; i < curve->count; i += 2) {
     const uint32_t second = (i + 1 < curve->count) ? i + 1 : i;
@@ -74,8 +74,8 @@ static uint32_t change_of(int32_t now, int32_t before) {
   return fx_magnitude(fx_diff_wrap(now, before));
 }
 
-/* Returns true if a sample must become a point: it differs from the last point by a step, or has
- * another phase. */
+/* Returns true if a sample must become a point of the curve: it differs from the last point by a
+ * step of the curve, or it belongs to another phase. */
 static bool is_due(const cycle_curve_t *curve, const cycle_curve_point_t *now) {
   const cycle_curve_point_t *last = &curve->points[curve->count - 1];
   const int32_t force = fx_floor_shift(now->force_phase, FORCE_BIT);

@@ -32,33 +32,41 @@
 
 /* One point of a curve. It has 12 bytes, and the lowest byte of each number is first. */
 typedef struct {
-  uint32_t time;       /* number of the tick since the start of the cycle; the first tick is 1 */
-  int32_t travel;      /* travel in encoder counts */
-  int32_t force_phase; /* measured force in 1/256 count, times 256, plus the number of the phase */
+  uint32_t time;  /* number of the tick since the start of the cycle; the first tick is 1 */
+  int32_t travel; /* travel in encoder counts */
+  /* upper 24 bits: measured force in 1/256 count; lower 8 bits: number of the phase */
+  int32_t force_phase;
 } cycle_curve_point_t;
 
 /* Number of points of a curve on the host and on the STM32. */
 enum { CYCLE_CURVE_POINTS = 1000 };
 
 typedef struct {
-  uint32_t travel; /* step of the travel in encoder counts */
-  uint32_t force;  /* step of the force in 1/256 count */
-  uint32_t time;   /* step of the time in ticks */
+  /* a sample becomes a point when its travel differs by this number of encoder counts from the last
+   * point; 0: the travel is not compared */
+  uint32_t travel;
+  /* a sample becomes a point when its force differs by this number of 1/256 counts from the last
+   * point; 0: the force is not compared */
+  uint32_t force;
+  /* a sample becomes a point when this number of ticks has passed since the last point; 0: the
+   * time is not compared */
+  uint32_t time;
 } cycle_curve_steps_t;
 
 typedef struct {
   cycle_curve_point_t *points;
   uint32_t bytes;      /* size of the memory in bytes; 0: no curve is recorded */
   uint32_t count;      /* number of points of the curve */
-  uint32_t begin_tick; /* tick in which the time of the curve is 0 */
+  uint32_t begin_tick; /* tick that is time 0 of the curve */
   cycle_curve_steps_t steps;
   cycle_curve_point_t last; /* the last sample; valid only if the curve has a point */
   uint8_t thinned;          /* number of times that the curve was thinned, at most 255 */
-  uint8_t zeroed;           /* 1 after travel 0 was found */
+  /* 1 after travel 0, the origin of the travel, was found in this cycle */
+  uint8_t zeroed;
 } cycle_curve_t;
 
-/* Sets an empty curve. `memory` begins at a multiple of 4. If the memory has no room for two
- * points, no curve is recorded. */
+/* Initialises an empty curve in `memory`, which begins at a multiple of 4. If the memory has no
+ * room for two points, no curve is recorded. */
 void cycle_curve_init(cycle_curve_t *curve, void *memory, uint32_t bytes);
 
 /* Begins the curve of a cycle that starts in tick begin_tick. */
@@ -68,7 +76,7 @@ void cycle_curve_begin(cycle_curve_t *curve, const cycle_curve_steps_t *steps, u
  * it is used only after travel 0 was found. */
 void cycle_curve_take(cycle_curve_t *curve, const cycle_sample_t *sample, int32_t zero_travel);
 
-/* Adds the last sample as a point, unless it already is one. */
+/* Adds the last sample as a point of the curve, unless this sample already is a point. */
 void cycle_curve_end(cycle_curve_t *curve);
 
 /* Copies up to `count` bytes of the points of the curve, from the byte offset `offset` on. Returns

@@ -95,8 +95,8 @@ static int32_t depth_of(const cycle_header_t *program, int32_t travel, int32_t f
   return travel - deflection_at(program, force_q8);
 }
 
-/* Sets travel 0 so that the depth at this sample is 0. The travel of the cycle is measured from
- * travel 0. */
+/* Sets travel 0, the origin of the travel, so that the depth at this sample is 0. From then on the
+ * travel of the cycle is measured from travel 0. */
 static void set_zero(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->zero_cnt = fx_diff_wrap(now->position, deflection_at(cycle->program, cycle->force_q8));
   cycle->depth = 0;
@@ -367,7 +367,7 @@ static void exceed(cycle_t *cycle, uint8_t limit, const cycle_inputs_t *now) {
   go_on(cycle, is_first ? cycle_phase(cycle)->reaction : CYCLE_END, now);
 }
 
-/* Returns true if the sample of this tick defines travel 0. */
+/* Returns true if the sample of this tick defines travel 0, the origin of the travel. */
 static bool is_at_zero(const cycle_t *cycle, const cycle_inputs_t *now) {
   const int32_t level = cycle->program->zero_level;
   if (cycle->program->zero == CYCLE_ZERO_TOUCH) {

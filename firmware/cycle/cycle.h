@@ -74,19 +74,20 @@ typedef struct {
   uint32_t last_tick;            /* tick in which the last sample was taken */
   uint32_t invalid_ticks;        /* number of ticks in evaluated phases whose sample is not valid */
   int32_t start_cnt;             /* position at the start of the present phase */
-  int32_t zero_cnt;              /* position of travel 0; until travel 0 is found, the position at
-                                  * the start of the cycle */
-  int32_t begin_cnt;             /* value of zero_cnt at the start of the cycle */
-  int32_t force_q8;              /* force of the last sample minus offset_q8, limited to the range
-                                  * of a sample */
-  int32_t depth;                 /* depth of the last sample, if has_depth is 1 */
-  /* PRESS, FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
+  /* position of travel 0, the origin of the travel; until it is found, the position at the start
+   * of the cycle */
+  int32_t zero_cnt;
+  /* position at the start of the cycle, which is the first value of zero_cnt */
+  int32_t begin_cnt;
+  int32_t force_q8; /* force of the last sample minus offset_q8, limited to the range of a sample */
+  int32_t depth;    /* depth of the last sample, if has_depth is 1 */
+  /* actions PRESS and FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
    * rated_force, without the offset */
   int32_t demand_q8;
   int32_t offset_q8; /* offset of the measured force; 0 until a tare has measured the offset */
-  /* TARE: smallest and largest permitted offset, which the caller sets when the phase begins.
-   * tare_cnt, tare_sum, tare_ticks: position, sum of the forces and number of ticks of the tare
-   * measurement */
+  /* smallest and largest offset that the action TARE may measure; the caller sets them when the
+   * phase begins. tare_cnt, tare_sum, tare_ticks: position, sum of the forces and number of ticks
+   * of the tare measurement */
   int32_t tare_least;
   int32_t tare_most;
   int32_t tare_cnt;
@@ -105,13 +106,14 @@ typedef struct {
   int32_t first_q8[CYCLE_PHASES_MAX];
   /* range of forces that the force sensor must be able to measure for this program */
   cycle_reach_t reach;
-  uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS]; /* number of times that each condition was
-                                                       * fulfilled in this cycle */
+  /* for each condition whose `count` is not 0, number of times in this cycle that it has ended its
+   * phase */
+  uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS];
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
   uint16_t judged; /* set of the evaluated phases; cycle_select() computes this set */
-  /* `written`: number of samples that were stored; `evaluated`: number of samples that were
-   * evaluated; both modulo 256 */
+  /* number of samples that were stored in this cycle, modulo 256; `evaluated`: number of samples
+   * that were evaluated, modulo 256 */
   uint8_t written;
   uint8_t evaluated;
   uint8_t state; /* state of the cycle, CYCLE_IDLE to CYCLE_DONE */
@@ -130,7 +132,7 @@ typedef struct {
   uint8_t outputs; /* set of the digital outputs that are on */
   /* set of the digital outputs that were on before the start of the cycle */
   uint8_t outputs_before;
-  uint8_t zeroed;     /* 1 if travel 0 was found */
+  uint8_t zeroed;     /* 1 if travel 0, the origin of the travel, was found */
   uint8_t incomplete; /* 1 if the cycle missed a tick */
   /* 1 if the cycle ended as the program intends, and the verdict on each evaluation element is
    * good */

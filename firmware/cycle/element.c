@@ -4,8 +4,8 @@
 #include "firmware/fx/fx.h"
 
 enum { FOUND = 1, FOUND_2 = 2, UNDER = 1, OVER = 2 };
-/* Twice the largest sum of the element WORK. The unit is 1/256 count of force times one encoder
- * count. */
+/* Twice the largest sum that the evaluation element WORK can have. The unit is 1/256 count of force
+ * times one encoder count. */
 #define SUM_MAX ((int64_t)INT32_MAX * 512)
 
 static bool is_ordered(int32_t least, int32_t most, int32_t bound) {
@@ -101,7 +101,7 @@ static void find(cycle_element_state_t *state, int32_t value, uint32_t tick) {
 
 static void count_up(uint8_t *number) { *number = (uint8_t)(*number + (*number < UINT8_MAX)); }
 
-/* The straight line of the curve between the previous sample and the present sample. */
+/* The straight line of the curve from the previous sample to the present sample. */
 typedef struct {
   int32_t x0, y0, x1, y1;
 } line_t;

@@ -33,7 +33,7 @@ typedef struct {
   int32_t travel;   /* depth (program.h) in encoder counts, +-CYCLE_TRAVEL_MAX */
   int32_t force_q8; /* measured force, +-CYCLE_FORCE_MAX_Q8 */
   uint8_t phase;    /* number of the phase, 0..15 */
-  uint8_t zeroed;   /* 1 from the sample on at which the travel was set to 0 */
+  uint8_t zeroed;   /* 1 in the sample at which travel 0 was found, and in all later samples */
   uint8_t is_valid; /* 1: force and position are valid (sample.h); 0: all evaluation elements ignore
                      * the sample */
 } cycle_sample_t;
@@ -75,17 +75,25 @@ typedef struct {
   uint8_t kind;
   uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
   uint16_t phases;   /* set of the phases whose samples the element evaluates */
-  uint8_t of_force;  /* AT, DIFFERENCE. 1: the force crosses the level; 0: x crosses the level */
-  uint8_t direction; /* AT, DIFFERENCE: direction of the crossings that are counted */
-  uint8_t ordinal;   /* AT, DIFFERENCE: number of the crossing that is evaluated, from 1 */
-  uint8_t enters;    /* WINDOW: sides through which the curve may enter */
-  uint8_t leaves;    /* WINDOW: sides through which the curve may leave; 0: the curve must end in
-                      * the window */
-  uint8_t lower;     /* ENVELOPE: number of points of the lower curve, 2 at least */
-  /* ENVELOPE: number of points of the upper curve, which follow the points of the lower curve */
+  /* kinds AT and DIFFERENCE. 1: the element evaluates crossings of a force level; 0: crossings
+   * of a level of x */
+  uint8_t of_force;
+  /* kinds AT and DIFFERENCE: direction of the crossings that the element counts */
+  uint8_t direction;
+  /* kinds AT and DIFFERENCE: number of the crossing that the element evaluates; 1 is the first
+   * crossing */
+  uint8_t ordinal;
+  uint8_t enters; /* kind WINDOW: sides through which the curve may enter the window */
+  /* kind WINDOW: sides through which the curve may leave the window; 0: the curve must end in
+   * the window */
+  uint8_t leaves;
+  /* kind ENVELOPE: number of points of the lower curve of the envelope, at least 2 */
+  uint8_t lower;
+  /* kind ENVELOPE: number of points of the upper curve of the envelope; these points follow the
+   * points of the lower curve */
   uint8_t upper;
   uint8_t reserved; /* 0 */
-  /* ENVELOPE: index of the first point of the envelope among the points of the program */
+  /* kind ENVELOPE: index of the first point of the envelope among the points of the program */
   uint16_t first;
   uint16_t reserved_2; /* 0 */
   int32_t x_least;
@@ -100,11 +108,12 @@ typedef struct {
  * value. */
 enum {
   CYCLE_GOOD = 0,
-  CYCLE_BELOW = 1,      /* the value is below y_least, or the curve below the envelope */
-  CYCLE_ABOVE = 2,      /* the value is above y_most, or the curve above the envelope */
-  CYCLE_WRONG_SIDE = 3, /* WINDOW: the curve crossed another side; LAST: x is outside of its
-                         * bounds */
-  CYCLE_AGAIN = 4,      /* WINDOW: the curve entered or left more than once */
+  CYCLE_BELOW = 1, /* the value is below y_least, or the curve below the envelope */
+  CYCLE_ABOVE = 2, /* the value is above y_most, or the curve above the envelope */
+  /* kind WINDOW: the curve crossed a side that is not permitted; kind LAST: x is outside of its
+   * bounds */
+  CYCLE_WRONG_SIDE = 3,
+  CYCLE_AGAIN = 4, /* kind WINDOW: the curve entered or left the window more than once */
   /* there is no value: no sample, no crossing, or the curve ended too early */
   CYCLE_NOT_REACHED = 5,
   CYCLE_ABORTED = 6,
@@ -112,30 +121,31 @@ enum {
 };
 
 typedef struct {
-  /* WORK: twice the sum; its unit is 1/256 count of force times one count or one tick of x */
+  /* kind WORK: twice the sum; its unit is 1/256 count of force times one count or one tick of x */
   int64_t sum;
   uint32_t begin_tick; /* tick of the first sample that the element has evaluated */
   uint32_t last_tick;
   uint32_t found_tick; /* tick of the sample that gave the value */
   int32_t x;           /* x value of the last sample */
   int32_t y;
-  int32_t x_seen_least; /* ENVELOPE: smallest and largest x of all evaluated samples */
+  int32_t x_seen_least; /* kind ENVELOPE: smallest and largest x of all evaluated samples */
   int32_t x_seen_most;
   int32_t value;
-  int32_t value_2;     /* DIFFERENCE: value at the crossing of level_2 */
+  int32_t value_2;     /* kind DIFFERENCE: value at the crossing of level_2 */
   uint8_t has_sample;  /* 1 after the first sample of the element */
   uint8_t found;       /* bits: 1 if `value` was found, 2 if value_2 was found */
   uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
   uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */
-  /* WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of
+  /* kind WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of
    * times that it left the window */
   uint8_t entries;
   uint8_t exits;
-  /* WINDOW: 1 if the curve crossed a side that is not permitted; ENVELOPE: 1 if the curve was below
-   * the envelope, 2 if above it */
+  /* kind WINDOW: 1 if the curve crossed a side that is not permitted. Kind ENVELOPE: 1 if the curve
+   * was below the envelope, 2 if it was above */
   uint8_t wrong_side;
-  uint8_t inside; /* WINDOW: 1 if the last sample is in the window */
-  uint8_t zeroed; /* value of `zeroed` in the last sample */
+  uint8_t inside; /* kind WINDOW: 1 if the last sample is in the window */
+  /* value of the field `zeroed` of the last sample, which is 1 after travel 0 was found */
+  uint8_t zeroed;
 } cycle_element_state_t;
 
 typedef struct {

@@ -74,8 +74,8 @@ bool cycle_library_remove(cycle_library_t *library, uint32_t number) {
   return true;
 }
 
-/* Returns true if the library has room for a record of `size` bytes after the removal of the record
- * `old`. NULL: no record is removed. */
+/* Returns true if the library has room for a record of `size` bytes after the record `old` is
+ * removed. If `old` is NULL, no record is removed. */
 static bool has_room(const cycle_library_t *library, const cycle_header_t *old, uint32_t size) {
   const uint32_t freed = (old == NULL) ? 0 : old->size;
   return size <= library->bytes - library->used + freed &&

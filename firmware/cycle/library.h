@@ -26,7 +26,7 @@ typedef struct {
   uint8_t *records;
   uint32_t bytes; /* size of the memory for records in bytes */
   uint32_t used;  /* number of bytes of all records in the library */
-  /* number of bytes at the begin of the staging area that were written without a missing byte */
+  /* number of consecutive bytes, from the begin of the staging area on, that were written */
   uint32_t staged;
   uint8_t count; /* number of programs in the library, at most 255 */
 } cycle_library_t;
@@ -56,7 +56,7 @@ cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size);
 /* Returns the program with the number `number`, or NULL if the library has no such program. */
 const cycle_header_t *cycle_library_find(const cycle_library_t *library, uint32_t number);
 
-/* Returns the program with the index `place` in the library, 0 .. count - 1. */
+/* Returns the program at the position `place` in the library, 0 .. count - 1. */
 const cycle_header_t *cycle_library_at(const cycle_library_t *library, uint8_t place);
 
 /* Removes the program with the number `number`. Returns false if the library has no such

@@ -25,7 +25,8 @@ enum {
   CYCLE_ELEMENTS_MAX = 16,
   CYCLE_COMPLIANCE_MAX = 16,
   CYCLE_VERSION = 2,
-  CYCLE_END = 255 /* used instead of the number of a phase: the cycle ends */
+  /* This value instead of the number of the next phase means that the cycle ends. */
+  CYCLE_END = 255
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
 
@@ -125,8 +126,9 @@ typedef struct {
   uint8_t when;
   /* number of the next phase, or CYCLE_END: the cycle ends as the program intends */
   uint8_t next;
-  uint16_t count; /* largest number of times in a cycle that the condition may end the phase; 0: not
-                   * limited */
+  /* largest number of times in a cycle that this condition may end its phase; 0: any number of
+   * times */
+  uint16_t count;
   int32_t level;
 } cycle_condition_t;
 
@@ -134,13 +136,14 @@ typedef struct {
   uint8_t action;
   uint8_t reaction; /* number of the phase that follows if a limit is exceeded, or CYCLE_END: the
                      * cycle ends */
-  int16_t force;    /* PRESS: target of the force in per mille of rated_force */
-  /* PRESS, FOLLOW: rate of change (> 0) of the demanded force, in per mille of rated_force per
-   * second */
+  int16_t force;    /* action PRESS: target of the force in per mille of rated_force */
+  /* actions PRESS and FOLLOW: rate of change of the demanded force, in per mille of rated_force per
+   * second, above 0 */
   uint32_t slope;
-  int32_t target; /* actions that move the axis: position or distance in user units; TARE: number
-                   * of ticks */
-  uint32_t speed; /* actions that move the axis: speed in user units per second, > 0 */
+  /* actions that move the axis: target position or distance, in user units; action TARE: number
+   * of ticks */
+  int32_t target;
+  uint32_t speed; /* actions that move the axis: speed in user units per second, above 0 */
   /* Limits of the phase, each > 0: magnitude of the measured force, travel since the phase began,
    * duration of the phase. */
   uint32_t force_max_q8;
@@ -152,7 +155,7 @@ typedef struct {
   /* action FOLLOW: index of the first point of the table of this phase, among all points of the
    * program */
   uint16_t first;
-  uint8_t points;      /* FOLLOW: number of points of the table */
+  uint8_t points;      /* action FOLLOW: number of points of the table */
   uint8_t over_travel; /* action FOLLOW: 1 if x of the table is the travel, 0 if x is the time in
                         * ticks */
   uint8_t outputs_on;  /* digital outputs that are switched on when the phase begins */
@@ -169,13 +172,15 @@ typedef struct {
   uint16_t points;
   /* CRC of the filter bank for which the program was made; 0: the program permits every bank */
   uint32_t bank_crc;
-  uint32_t number;    /* number that the user has given to the program */
-  uint8_t name[12];   /* name of the program as text, filled with zeros */
-  int32_t zero_level; /* level of travel 0; 0 for CYCLE_ZERO_TOUCH, not 0 for CYCLE_ZERO_FORCE */
-  uint8_t zero;       /* kind of definition of travel 0, CYCLE_ZERO_ */
+  uint32_t number;  /* number that the user has given to the program */
+  uint8_t name[12]; /* name of the program as text, filled with zeros */
+  /* force or position that defines travel 0 (see `zero`); 0 for CYCLE_ZERO_TOUCH, not 0 for
+   * CYCLE_ZERO_FORCE */
+  int32_t zero_level;
+  uint8_t zero; /* definition of travel 0: by contact, force or position (CYCLE_ZERO_) */
   /* Number of points of the curve of the compliance, at most CYCLE_COMPLIANCE_MAX. They are the
-   * first points of the program, with x the force in 1/256 count and y the deflection of the press
-   * in encoder counts. 0: no deflection. */
+   * first points of the program. Their x is the force in 1/256 count, and their y is the deflection
+   * of the press in encoder counts. If the number is 0, the press does not deflect. */
   uint8_t compliance;
   uint8_t outputs_keep; /* digital outputs that keep their state at the end of the cycle */
   uint8_t reserved;     /* 0 */
@@ -186,15 +191,16 @@ typedef struct {
 enum {
   CYCLE_ACCEPTED = 0,
   CYCLE_NO_PROGRAM = 1,    /* the record is too short, or does not begin with CYCLE_MAGIC */
-  CYCLE_OTHER_VERSION = 2, /* the record has another layout */
+  CYCLE_OTHER_VERSION = 2, /* the version of the layout of the record is not supported */
   CYCLE_WRONG_SIZE = 3,    /* the size does not match the numbers of phases, elements and points, or
                             * one of these is too large */
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
-  CYCLE_BUSY = 7,      /* a cycle is running */
-  CYCLE_NO_ROOM = 8,   /* the library has no room for the program */
-  CYCLE_NO_NUMBER = 9, /* the number is 0, but a program of the library needs another number */
+  CYCLE_BUSY = 7,    /* a cycle is running */
+  CYCLE_NO_ROOM = 8, /* the library has no room for the program */
+  /* the program has the number 0, but a program of the library needs another number */
+  CYCLE_NO_NUMBER = 9,
   CYCLE_WRONG_ZERO = 10,
   CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
   CYCLE_LOCKED = 12,       /* the axis accepts no program now */

@@ -21,8 +21,8 @@ void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes) 
   }
 }
 
-/* Returns the place in the memory with the result of the part with this number, or NULL if there is
- * no such result. With the number 0, returns a free place. */
+/* Returns the address of the stored result of the part with the number `number`, or NULL if there
+ * is no such result. If `number` is 0, returns the address of a free entry. */
 static cycle_part_t *place_of(const cycle_results_t *results, uint32_t number) {
   for (uint8_t i = 0; i < results->room; i++) {
     if (results->parts[i].number == number) {

@@ -39,8 +39,8 @@ typedef struct {
 } cycle_part_t;
 
 typedef struct {
-  cycle_part_t *parts; /* places for results; if the number of a result is 0, its place is free */
-  uint8_t room;        /* number of places for results, 0 to 255 */
+  cycle_part_t *parts; /* array of results; an entry with the part number 0 is free */
+  uint8_t room;        /* number of entries of this array, 0 to 255 */
   uint8_t waiting;     /* number of results that wait for their acknowledgement */
 } cycle_results_t;
 

@@ -2,22 +2,24 @@
 
 #include "firmware/fx/fx.h"
 
-/* The part of a line that is between the two sides of a window in one coordinate. Along the line,
- * from its begin (0) to its end (1), this part is from enter / length to leave / length. */
+/* The part of a line between two opposite sides of a window: left and right, or lower and upper. As
+ * fractions of the length of the line, this part begins at enter / length and ends at leave /
+ * length. */
 typedef struct {
-  /* distance from the begin of the line to the first side; 0: the line does not begin before this
-   * side */
+  /* distance from the begin of the line to the first side that it reaches; 0: the line does not
+   * begin before this side */
   uint32_t enter;
   /* distance from the begin of the line to the second side; `length`: the line does not end behind
    * this side */
   uint32_t leave;
   uint32_t length;
-  uint8_t first; /* `first`: side at which the line enters; `second`: side at which it leaves */
+  /* side at which the line enters the part; `second`: side at which it leaves the part */
+  uint8_t first;
   uint8_t second;
   bool is_reached; /* true if at least one point of the line is between the two sides */
 } stretch_t;
 
-/* The two sides of a window in one coordinate. */
+/* Two opposite sides of a window: left and right, or lower and upper. */
 typedef struct {
   int32_t least;
   int32_t most;
@@ -39,14 +41,15 @@ static stretch_t stretch_of(int32_t from, int32_t to, const sides_t *sides) {
   return along;
 }
 
-/* Returns true if a / p <= b / q. p and q are lengths, with a <= p and b <= q. */
+/* Returns true if the fraction a / p is at most the fraction b / q. p and q are lengths, with a <=
+ * p and b <= q. */
 static bool is_not_later(uint32_t a, uint32_t p, uint32_t b, uint32_t q) {
   fx_assert(a <= p && b <= q);
   return (uint64_t)a * q <= (uint64_t)b * p;
 }
 
-/* Returns true if the line passes the first side of `along` only after it has passed the second
- * side of the other coordinate. Such a line misses the window. */
+/* Returns true if the line misses the window, because it passes the first side of `along` only
+ * after it has passed the second of the two other sides. */
 static bool is_late(const stretch_t *along, const stretch_t *other) {
   return along->enter > 0 &&
          !is_not_later(along->enter, along->length, other->leave, other->length);

@@ -23,8 +23,8 @@ typedef struct {
   int32_t y;
 } window_point_t;
 
-/* `enters`: side through which a line enters a window. `leaves`: side through which it leaves the
- * window. 0: no side. */
+/* side through which a line enters the window; 0: no side. `leaves`: side through which the line
+ * leaves the window; 0: no side */
 typedef struct {
   uint8_t enters;
   uint8_t leaves;

@@ -64,7 +64,8 @@ static cycle_inputs_t inputs_of(const cia402_t *drive, const axis_t *axis) {
                                       axis->position_age, drive->params.cycle_age_max)};
 }
 
-/* Returns the position, in user units, from which the target of a phase is measured. */
+/* Returns the position, in user units, from which the action of a phase measures its target
+ * position. */
 static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action) {
   if (action == CYCLE_MOVE) {
     return 0;
@@ -78,8 +79,8 @@ static int32_t base_of(const cia402_t *drive, const axis_t *axis, uint8_t action
   return cia402_user(drive, count);
 }
 
-/* Sets the smallest and the largest mean force that a tare may find: tare_band bounds the sum of
- * this mean and force_tare. If tare_band is 0, every tare fails. */
+/* Sets the range of the mean force with which a tare succeeds: the magnitude of the sum of this
+ * mean and force_tare is at most tare_band. If tare_band is 0, every tare fails. */
 static void begin_tare(cia402_t *drive, const axis_t *axis) {
   const int32_t band = (axis->params.tare_band == 0) ? -1 : axis->params.tare_band;
   drive->cycle.tare_least = -band - axis->params.force_tare;
@@ -149,8 +150,8 @@ static int32_t reading_of(const axis_params_t *params, uint16_t code) {
 
 /* Returns true if a force of a program is at or beyond an end of the range of the force sensor
  * (sensor_is_railed()). No valid sample can have such a force. force_max is compared with the end
- * of the range in compression. If force 0 is at this end, force_max is compared with the end in
- * tension. */
+ * of the range in compression. If the range ends at force 0 there, because the sensor measures only
+ * tension, force_max is compared with the end of the range in tension. */
 static bool is_beyond_sensor(const axis_params_t *params, const cycle_reach_t *reach) {
   const bool rises = params->force_sign > 0;
   const uint16_t last = fx_highest_code(params->adc_bits);
@@ -240,8 +241,8 @@ void cycle_mode_interrupt(cia402_t *drive) {
   }
 }
 
-/* Returns true if the axis no longer follows the cycle: a ramp stops the axis, or a protection has
- * detected a fault that acts in the next tick. */
+/* Returns true if the axis no longer follows the cycle: a ramp or a halt stops the axis, the mode
+ * of operation changes, or the contact guard has detected a fault that acts in the next tick. */
 static bool is_stopping(const cia402_t *drive) {
   return drive->leaving != 0 || contact_guard_has_fault(&drive->guards.contact_guard) ||
          (drive->params.controlword & AXIS_CONTROLWORD_HALT) != 0 ||

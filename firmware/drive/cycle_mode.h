@@ -25,7 +25,7 @@
 
 #include "firmware/drive/drive_state.h"
 
-/* Returns true while a cycle is running, or while its last samples are still evaluated. */
+/* Returns true while a cycle is running, and until its last samples have been evaluated. */
 static inline bool cycle_mode_is_busy(const cia402_t *drive) {
   return drive->cycle.state == CYCLE_RUNNING || drive->cycle.state == CYCLE_ENDED;
 }
@@ -48,8 +48,8 @@ static inline uint32_t cycle_mode_bank(const cia402_t *drive) {
   return (drive->signals.gain_halvings == 0) ? drive->law_crc : 0;
 }
 
-/* Reacts to the start bit of the controlword. Call this function only while no cycle is running and
- * the last cycle has been evaluated. */
+/* Reacts to the start bit of the controlword. Call this function only while no cycle is running,
+ * and after all samples of the last cycle were evaluated. */
 void cycle_mode_start(cia402_t *drive, const axis_t *axis);
 
 /* Ends a running cycle as CYCLE_CHANGED. Call this function when a value has changed that affects
@@ -60,16 +60,16 @@ void cycle_mode_change(cia402_t *drive);
  * mode. */
 void cycle_mode_interrupt(cia402_t *drive);
 
-/* Call cycle_mode_tick_failed() when a tick ends with a fault, before the mode ends. If this is the
- * first tick of a cycle, the cycle has begun, so its part is counted. */
+/* Call cycle_mode_tick_failed() when a tick ends with a fault, before the mode ends. If this tick
+ * is the first tick of a cycle, the cycle counts as begun, and its pressed part is counted. */
 static inline void cycle_mode_tick_failed(cia402_t *drive, const axis_t *axis) {
   if (drive->cycle.last_tick == drive->cycle.begin_tick) {
     drive->cycle.last_tick = axis->signals.tick_count;
   }
 }
 
-/* Passes the signals of a tick to the cycle. If the cycle has changed to another phase, begins this
- * phase. */
+/* Passes the signals of a tick to the cycle. When the cycle changes to another phase, sets the mode
+ * and the targets of this phase. */
 void cycle_mode_step(cia402_t *drive, const axis_t *axis);
 static inline void cycle_mode_after(cia402_t *drive, const axis_t *axis) {
   if (cycle_is_running(&drive->cycle)) {

@@ -58,8 +58,8 @@ static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
 }
 
-/* Returns true if the amplifier is off, because no tick has switched it on since the axis was
- * enabled. A ramp to standstill would switch the amplifier on. */
+/* Returns true if no tick has switched the amplifier on since the axis was enabled. The axis must
+ * then not be stopped by a ramp, because a ramp would switch the amplifier on. */
 static bool is_at_rest(const axis_t *axis) {
   return axis->signals.active_mode == AXIS_MODE_DISABLED;
 }
@@ -107,8 +107,8 @@ static bool wants_other_mode(const cia402_t *drive) {
   return drive->params.modes_of_operation != drive->signals.modes_of_operation_display;
 }
 
-/* While a fitted drive is not on yet, enables the amplifier with code 0. The mode of operation and
- * its trajectory begin in the tick after the drive is on. */
+/* Waits until a drive on a bus is on: enables the amplifier with DAC code 0. The mode of operation
+ * and its trajectory begin in the first tick after the drive is on. */
 static void wait_for_drive(cia402_t *drive, axis_t *axis) {
   if (wants_other_mode(drive)) {
     change_mode(drive);
@@ -222,8 +222,8 @@ void cia402_before(cia402_t *drive, axis_t *axis) {
   cia402_excite_before(drive, axis);
 }
 
-/* Asserts the invariants after each tick: the parameters of the axis have the values of the user
- * again, and each field is within its range. */
+/* Asserts the invariants after each tick: the parameters of the axis have the values that the user
+ * has written, and each field is within its range. */
 static inline void assert_after_tick(const cia402_t *drive) {
   fx_assert(drive->overridden.active == 0 && drive->mode != NULL);
   fx_assert(drive->signals.drive_state < AXIS_DRIVE_STATE_COUNT);
@@ -461,8 +461,8 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
   cia402_show(drive, axis);
 }
 
-/* Returns true if, in this drive state, the axis moves or can move after one of the next
- * controlwords. */
+/* Returns true if the axis moves in this drive state, or if the next controlword can make it
+ * move. */
 static bool can_move_soon(uint8_t state) {
   return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
          state == AXIS_DRIVE_STATE_OPERATION_ENABLED || state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE;

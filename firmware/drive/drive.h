@@ -68,8 +68,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
 bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword);
 
 /* Reports in stopped_by (AXIS_STOPPED_BY_) the source that stopped the axis. The report ends when a
- * controlword is carried out or a native mode is active. Returns false if stopped_by already names
- * a source. */
+ * controlword is carried out or a native mode becomes active. Returns false if stopped_by already
+ * names a source. */
 bool cia402_hold(cia402_t *drive, const axis_t *axis, uint8_t by);
 
 /* Returns true if a controlword would enable an axis that is not enabled, or an axis that will be
@@ -80,15 +80,16 @@ bool cia402_would_enable(const cia402_t *drive, uint16_t controlword);
  * bit that was 0 in the controlword `previous`. */
 bool cia402_would_stop(const cia402_t *drive, uint16_t controlword, uint16_t previous);
 
-/* Sets the warning that the axis is enabled while the firmware would not detect the loss of its
- * owner. Clears the warning if `unsupervised` is false. */
+/* Sets the warning that the axis is enabled, but the firmware would not detect that the owner of
+ * the axis no longer responds. Clears the warning if `unsupervised` is false. */
 void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsupervised);
 
-/* Adapts the drive state after the code for the board itself has written the native mode `mode`. */
+/* Adapts the drive state to the native mode `mode`, which the code for the board has written
+ * directly and not through a controlword. */
 void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode);
 
-/* Resets a fault without the controlword. Returns FW_OK, or FW_ERROR_STATE if the latched fault has
- * not acted in a tick yet. */
+/* Resets a fault without the controlword. Returns FW_OK. Returns FW_ERROR_STATE if no tick has run
+ * since the fault was latched. */
 int cia402_fault_reset(cia402_t *drive, axis_t *axis);
 
 /* Discards all targets of the modes of operation, and sets the offsets of the targets to 0. A

@@ -28,11 +28,11 @@ enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTU
 
 /* Longest duration of a ramp to standstill: 10 s. This bound applies to quick stop, fault reaction,
  * shutdown, disable operation, halt and a change of mode. If the deceleration is too small for this
- * duration, the drive uses a larger deceleration. The longest travel of the ramp is speed times 5
- * s. If the axis does not follow the ramp, the axis is switched off in motion. */
+ * duration, the drive uses a larger deceleration. The travel of the ramp is at most its initial
+ * speed times 5 s. If the axis does not follow the ramp, the axis is switched off in motion. */
 enum { CIA402_STOPPING_TICKS = 15000 };
 
-/* Value of the field `slowing` during a tick in which a ramp to standstill is active. In the next
+/* The field `slowing` has this value in a tick in which a ramp to standstill is active. In the next
  * tick `slowing` is 1. */
 enum { CIA402_SLOWING = 2 };
 
@@ -58,12 +58,12 @@ typedef struct {
 /* Conversion factors between user units and encoder counts. They are computed from 608Fh, 6091h and
  * 6092h (units.h). */
 typedef struct {
-  /* number of user units per encoder count; valid only if `scaled` is 1 */
+  /* number of user units per encoder count; valid only if the field `scaled` is not 0 */
   fx_fraction_t user_of_cnt;
   fx_ratio_t speed_of_user; /* one user unit per second as a speed in Q16 counts per tick */
   /* one user unit per second squared as an acceleration in Q16 counts per tick squared */
   fx_ratio_t rate_of_user;
-  uint8_t scaled; /* 0 if the user unit is the encoder count */
+  uint8_t scaled; /* 0 if the user unit is the encoder count, so that no conversion is needed */
 } cia402_units_t;
 
 /* Bounds of the demanded force. A bound is the smaller one of force_limit and the force limit for
@@ -88,7 +88,7 @@ typedef struct {
   uint16_t output_limit;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
-  uint8_t active; /* 1 if the drive overrides these parameters of the axis now */
+  uint8_t active; /* 1 while the drive overrides these parameters of the axis */
 } cia402_overridden_t;
 
 typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of operation (modes.h) */
@@ -105,7 +105,8 @@ typedef struct {
   profile_t trajectory; /* trajectory in encoder counts; valid unless `tracking` is none */
   /* trajectory after input shaping; valid after the first step of motion_shaper */
   profile_t shaped;
-  /* user position in counts minus encoder count, before the polarity is applied */
+  /* origin of the user positions in counts: position before the polarity is applied, minus encoder
+   * count */
   int32_t origin_cnt;
   /* distance in counts by which the position set-point leads the trajectory because of
    * velocity_offset */
@@ -117,12 +118,14 @@ typedef struct {
   int32_t acceleration;
   int32_t deceleration;
   int32_t quick_deceleration;
-  /* smallest decrease of the speed or force per tick with which the present ramp to standstill ends
-   * in time */
+  /* smallest decrease per tick, of the speed or of the force, with which the present ramp to
+   * standstill ends in time */
   int32_t stop_step;
-  /* one per mille of the rated force as a measured force in 1/256 count */
+  /* factor that converts a force in per mille of the rated force to 1/256 count of measured
+   * force */
   fx_ratio_t reading_of_force;
-  /* 1/256 count of measured force as a force in per mille of the rated force */
+  /* factor that converts 1/256 count of measured force to a force in per mille of the rated
+   * force */
   fx_ratio_t force_of_reading;
   cia402_force_bounds_t force_bounds;
   /* bound of the demanded force for a force law without a certificate, in per mille of
@@ -135,7 +138,7 @@ typedef struct {
   int32_t force_demand_q16;
   cia402_setpoint_t setpoint; /* active or last set-point of profile position mode */
   cia402_setpoint_t buffered; /* next set-point of profile position mode */
-  /* remaining number of ticks in which the force law still acts after a contact loss */
+  /* number of ticks for which the force law will remain active after a contact loss */
   uint32_t dwell_remaining;
   /* number of ticks until the axis must reach the target of cyclic position mode */
   uint32_t interpolation_remaining;
@@ -182,8 +185,10 @@ typedef struct {
   /* 1 if a ramp to standstill is active and the drive changes to the state leaving_to after this
    * ramp */
   uint8_t leaving;
-  uint8_t leaving_to; /* state (AXIS_DRIVE_STATE_) of the drive after the ramp of `leaving` */
-  uint8_t fault;      /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
+  /* state (AXIS_DRIVE_STATE_) to which the drive changes when `leaving` is 1 and the ramp has
+   * ended */
+  uint8_t leaving_to;
+  uint8_t fault; /* fault (AXIS_FAULT_) that is latched at the end of the fault reaction */
   /* 1 after homing has found the reference position; 0 again when the sensors become invalid */
   uint8_t homed;
   uint8_t controlled; /* 1 if a force mode was active in the last tick */

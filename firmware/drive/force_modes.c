@@ -103,9 +103,9 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Changes the demanded force by one tick towards the target. If a bound was reduced, it acts at
- * once on the ramp and on the output of the input shaper. A halt bypasses the input shaper, and its
- * ramp starts from the present demanded force. */
+/* Moves the demanded force towards the target by the step of one tick. A bound that was reduced
+ * limits the ramp and the output of the input shaper at once. A halt bypasses the input shaper, and
+ * its ramp starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target_q8, bool at_once, bool halted) {
   const uint32_t slope = cycle_is_running(&drive->cycle) ? cycle_phase(&drive->cycle)->slope
                                                          : drive->params.force_slope;

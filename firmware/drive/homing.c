@@ -14,8 +14,8 @@ enum { OFF = 0, ON = 1 };
 
 enum { STEPS = 3 };
 
-/* One step of a homing method. The axis moves in one direction until the input `until` is on, or
- * until it is off. The direction 0 means that the method has no such step. */
+/* One step of a homing method. The axis moves in one direction until the input `until` has the
+ * level `level`, on or off. If the direction is 0, the method does not use this step. */
 typedef struct {
   int8_t direction;
   uint8_t speed;

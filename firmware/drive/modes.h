@@ -63,9 +63,10 @@ bool cia402_mode_exists(int32_t mode);
 /* Returns the mode of operation (6060h) that corresponds to a native mode (AXIS_MODE_). */
 int8_t cia402_operation_of(uint8_t native_mode);
 
-/* If first_motion_test is set and position_gain is 0, refuses a mode of operation that needs
- * position_gain. Otherwise, if the first motion test is running, computes one tick of this test.
- * Returns false if neither was done. The mode of operation then computes the tick. */
+/* Refuses a mode of operation that needs position_gain if first_motion_test is set and
+ * position_gain is 0. Otherwise computes one tick of the first motion test if this test is running.
+ * Returns true if it has done one of the two. If it returns false, the caller must compute the tick
+ * of the mode of operation. */
 bool cia402_run_first_motion(cia402_t *drive, axis_t *axis);
 
 /* Returns true if the motion of the axis depends on the measured force. This is so in force modes,

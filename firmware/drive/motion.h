@@ -17,8 +17,8 @@
  * standstill: 100 ms. */
 enum { CIA402_SETTLING_TICKS = 150 };
 
-/* Saves parameters of the axis, so that the drive may override them in the next tick;
- * motion_restore() restores them. */
+/* Saves the parameters of the axis that the drive overrides in the next tick. motion_restore()
+ * restores them after this tick. */
 static inline void motion_override(cia402_t *drive, const axis_t *axis) {
   const axis_params_t *params = &axis->params;
   if (drive->overridden.active == 0) {
@@ -136,9 +136,9 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
   return bounded;
 }
 
-/* Distance to a target position, from a given Q32 position or from the position of the trajectory.
- * Its direction is the direction of the shorter way modulo 2^32. If positions are limited, it is
- * the direction that does not cross a limit. */
+/* Distance from a position to a target position. The start position is a given Q32 position, or the
+ * position of the trajectory. The direction is that of the shorter way modulo 2^32. If positions
+ * are limited, it is the direction that does not cross a limit. */
 typedef struct {
   uint64_t magnitude_q16;
   bool negative;

@@ -20,8 +20,8 @@ static void derive_rates(cia402_t *drive) {
 
 static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  /* rated_force is in mN, so one per mille of it is rated_force in uN. One count of measured force
-   * is force_scale uN, and also 256 units of the measured force. */
+  /* rated_force is in mN, so the same number is one per mille of the rated force in uN. One count
+   * of measured force is force_scale uN. A measured force is stored in 1/256 count. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
   const int32_t limit = params->force_limit;

@@ -10,8 +10,9 @@
 
 #include "firmware/drive/drive_state.h"
 
-/* Reactions of the drive when it must stop the axis. They are values of 6007h and 605Ah, and those
- * values of 605Bh to 605Eh that these objects have in common. */
+/* Reactions of the drive when it must stop the axis. ABORT_: values of abort_connection_option
+ * (6007h). QUICK_STOP_: values of quick_stop_option (605Ah). STOP_: values that the other option
+ * codes (605Bh to 605Eh) have in common. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
 enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
 enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };

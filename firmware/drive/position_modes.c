@@ -178,8 +178,8 @@ void position_guarded_move(cia402_t *drive, axis_t *axis) {
     stop_by_contact(drive, axis);
     return;
   }
-  /* If the shaped trajectory has reached the unshaped trajectory, the distance to the set-point is
-   * already known. */
+  /* If the shaped trajectory has reached the unshaped trajectory, the distance to the set-point has
+   * already been computed. */
   pursue_setpoint(drive, motion_has_place(drive) ? &distance : NULL);
 }
 

@@ -20,7 +20,7 @@ static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limi
   if (v < 0) {
     return lower(v + down, 0); /* The trajectory moves away from the target and must stop first. */
   }
-  /* Increases the speed, or reduces the speed to a limit that has become lower. */
+  /* Increases the speed. If the speed limit has become lower, reduces the speed to this limit. */
   const int32_t wanted = (v > most) ? higher(v - down, most) : lower(v + up, most);
   return profile_next_speed(d, v, wanted, most, up, down);
 }

@@ -11,8 +11,8 @@ bool units_depend_on(uint16_t object) {
          object == AXIS_OBJ_FEED || object == AXIS_OBJ_FEED_SHAFT_REVOLUTIONS;
 }
 
-/* Value of the parameter OBJECT after the write: `value` if OBJECT is the object that is written,
- * otherwise its stored value. */
+/* Value that the parameter OBJECT has after the write: `value` if OBJECT is the object that is
+ * written, otherwise the stored value of OBJECT. */
 #define VALUE_OF(OBJECT, stored) ((object == (OBJECT)) ? (uint32_t)value : (stored))
 
 static bool ratio_of(const drive_params_t *params, uint16_t object, int32_t value,

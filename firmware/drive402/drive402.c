@@ -63,8 +63,8 @@ static void receive_heartbeat(drive402_t *master, const can_frame_t *frame) {
     receive_boot_up(master);
     return;
   }
-  /* One more tick is permitted, because the heartbeat was received some time after the last
-   * tick. */
+  /* The heartbeat counts as missing one tick later than its time, because it was received some time
+   * after the last tick. */
   master->drive_heartbeat_ticks = fx_ticks_from_ms(master->config->heartbeat_timeout_ms) + 1;
   master->operational = (state == NMT_OPERATIONAL) ? 1 : 0;
   if (master->phase == DRIVE402_RUNNING && state != NMT_OPERATIONAL) {
@@ -214,7 +214,7 @@ static void supervise(drive402_t *master) {
 }
 
 /* Does the work of the present phase in a tick, except the cyclic frames. After a failure no phase
- * continues, but objects of a running drive are still read. */
+ * continues, but the master still reads objects of a running drive. */
 static void step(drive402_t *master) {
   if (master->phase == DRIVE402_RUNNING) {
     supervise(master);

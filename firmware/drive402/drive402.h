@@ -86,15 +86,16 @@ void drive402_tick(drive402_t *master, const drive402_command_t *command);
 /* Fetches the next frame to send. Returns false if there is no more frame. */
 bool drive402_transmit(drive402_t *master, can_frame_t *frame);
 
-/* Return a text for users that describes a phase, a state or a reason. The text is a sentence
- * without a full stop. */
+/* The following functions return a text for users that describes a phase of the master, a state of
+ * the drive, or the reason of a failure. The text is a sentence without a full stop. */
 const char *drive402_phase_text(uint8_t phase);
 const char *drive402_state_text(uint8_t state);
 const char *drive402_reason_text(uint8_t reason);
 
-/* The settings of axis_linux have keys lacks_<key> and differs_<key>. With such a key a user states
- * that the drive does not have the object whose transfer has failed, or keeps its own value of this
- * object. Returns <key>, or NULL if there is no such key. */
+/* The settings of axis_linux have the keys lacks_<key> and differs_<key>. With the first key a user
+ * states that the drive does not have an object, with the second key that the drive keeps its own
+ * value of this object. Returns the <key> of the object whose transfer has failed, or NULL if there
+ * is no such key. */
 const char *drive402_key(const drive402_feedback_t *feedback);
 
 #endif

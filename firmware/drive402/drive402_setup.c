@@ -12,8 +12,9 @@
 enum { RPDO = 0x200, TPDO = 0x180, SDO_REQUEST = 0x600, SYNC = 0x80 };
 enum { COUNTER = 0x1019, ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
 
-/* If this number of downloads have two answers, there are two nodes with the same id. A single one
- * is permitted, because a disturbed bus may have doubled a frame. */
+/* If two answers have been received to each of this number of downloads, two nodes have the same
+ * id. A single download with two answers is permitted, because a disturbed bus may have doubled a
+ * frame. */
 enum { DOUBLED_MAX = 2 };
 
 /* Time in ticks between two reads of the objects MODE_DISPLAY or ERROR_CODE: 10 ms. */

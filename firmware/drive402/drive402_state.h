@@ -120,9 +120,14 @@ typedef struct {
   uint32_t abort_code;
   /* SDO abort code with which the last download was refused; 0: it was not refused */
   uint32_t refused;
-  uint32_t read_only;             /* bit n: entry n of the master is compared, but not written */
-  uint32_t uncompared;            /* bit n: entry n of the master is written, but not compared */
-  uint32_t wait_ticks;            /* number of ticks until the present wait (wait_ms) ends */
+  /* bit n is 1: the value of entry n of the configuration is compared with that of the drive,
+   * but not written */
+  uint32_t read_only;
+  /* bit n is 1: entry n of the configuration is written to the drive, but its value is not
+   * compared */
+  uint32_t uncompared;
+  /* number of ticks until the master no longer waits for the drive (wait_ms) */
+  uint32_t wait_ticks;
   uint32_t own_heartbeat_ticks;   /* number of ticks until the master sends its next heartbeat */
   uint32_t drive_heartbeat_ticks; /* number of ticks until the heartbeat of the drive counts as
                                    * missing */
@@ -136,28 +141,30 @@ typedef struct {
   uint16_t statusword;
   uint16_t error_code;
   uint16_t controlword; /* last controlword that was sent */
-  uint16_t needed;      /* bits of the statusword that must be 1 before targets act */
+  uint16_t needed;      /* bits of the statusword that must be 1 before the drive accepts targets */
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
-  uint8_t entry_count;  /* number of the master's own entries */
-  uint16_t entry;       /* number of the entry in the present SDO transfer; extra entries are
-                         * numbered first */
+  uint8_t entry_count; /* number of entries of the configuration that are not extra entries */
+  /* number of the entry whose SDO transfer is in progress; extra entries have the lowest numbers */
+  uint16_t entry;
   uint8_t command_sent; /* 1: the NMT command of this phase was sent */
   /* 1: the last heartbeat of the drive has reported the NMT state operational */
   uint8_t operational;
-  uint8_t sampled;        /* 1: a TPDO was received since the start of the node */
-  uint8_t tpdos;          /* number of TPDOs received since the last SYNC, at most 255 */
-  uint8_t tpdo_bytes;     /* expected length of a TPDO in bytes */
-  uint8_t other_length;   /* 1: a TPDO of another length was received since the start of the node */
-  uint8_t missing;        /* number of consecutive SYNCs without a TPDO as the answer, at most 2 */
-  uint8_t doubled;        /* number of consecutive cycles with more than one TPDO, at most 2 */
+  uint8_t sampled;      /* 1: a TPDO was received since the start of the node */
+  uint8_t tpdos;        /* number of TPDOs received since the last SYNC, at most 255 */
+  uint8_t tpdo_bytes;   /* expected length of a TPDO in bytes */
+  uint8_t other_length; /* 1: a TPDO of another length was received since the start of the node */
+  /* number of consecutive SYNCs that the drive has not answered with a TPDO, at most 2 */
+  uint8_t missing;
+  uint8_t doubled;        /* number of consecutive bus cycles with more than one TPDO, at most 2 */
   uint8_t mode_displayed; /* 1: the last read of 6061h gave the configured mode */
   uint8_t was_on;         /* 1: the feedback reported `on` in the last tick */
-  uint8_t resets_fault;   /* 1: in the state fault, the controlword resets the fault */
+  /* 1: the drive is in the state fault, and the controlword resets the fault */
+  uint8_t resets_fault;
   uint8_t saturated;
   uint8_t reset_asked;   /* 1: a fault of the drive will be reset once the drive is running */
-  uint8_t reset_before;  /* value of `reset` in the last command */
+  uint8_t reset_before;  /* value of the field `reset` in the command of the last tick */
   uint8_t failed_before; /* 1: the cyclic frames of the last tick already reacted to the failure */
 } drive402_t;
 

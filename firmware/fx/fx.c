@@ -2,8 +2,8 @@
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
   fx_assert(exponent >= -6 && exponent <= 0);
-  /* Numerators of the number of ticks in 10^exponent s, which is 1500 * 10^exponent. The first
-   * entry is for the exponent 0. */
+  /* Number of ticks in 10^exponent s, 1500 * 10^exponent, as the fraction ticks / per. The first
+   * entry is for the exponent 0, the next one for the exponent -1. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
   static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
   const uint8_t row = (uint8_t)-exponent;
@@ -22,7 +22,8 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
   for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* Long division. At its begin by <= remaining < 2 by, so the first bit of the quotient is 1. */
+  /* Long division by the number `by`. At its begin, `by` <= `remaining` < 2 * `by`, so the first
+   * bit of the quotient is 1. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
     const bool one = remaining >= by;

@@ -309,7 +309,9 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
   const uint32_t low = (uint32_t)product;
-  uint32_t doubled; /* twice the product, so that half a unit of the last bit can be added */
+  /* Twice the product is computed, so that half a unit of the last bit can be added as an
+   * integer. */
+  uint32_t doubled;
   if (shift > 63) {
     return 0;
   }
@@ -338,8 +340,8 @@ typedef struct {
   fx_ratio_t inverse;
 } fx_fraction_t;
 
-/* Computes the fraction of two products: that of the three numbers `over`, divided by that of the
- * three numbers `under`. All numbers are 1..2^31-1. If the numerator or the denominator has more
+/* Computes the product of the three numbers `over`, divided by the product of the three numbers
+ * `under`, as a fraction. All numbers are 1..2^31-1. If the numerator or the denominator has more
  * than 31 bits in lowest terms, returns false and does not change *fraction. The function needs
  * some thousand instructions. */
 bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction);

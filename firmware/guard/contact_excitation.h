@@ -29,9 +29,10 @@ typedef struct {
   /* value of the excitation for the next tick. The inputs of the next tick may still end the
    * excitation before the value is used */
   int32_t value_q8;
-  /* factor of the ramp with which the excitation amplitude is multiplied now, 0 to 1 */
+  /* factor of the amplitude ramp, 0 to 1, with which the amplitude of the excitation is multiplied
+   * in this tick */
   int32_t level_q30;
-  int32_t step_q30;  /* change of level_q30 in each tick */
+  int32_t step_q30;  /* change of the ramp factor level_q30 in each tick */
   int32_t start_cnt; /* encoder count at the start of the excitation */
   uint8_t begins;    /* 1 if the next value is the first value of the waveform */
 } contact_excitation_t;

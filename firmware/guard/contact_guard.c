@@ -168,7 +168,8 @@ void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
     guard->begun = 0;
     return;
   }
-  /* A phase of a cycle may be shorter than the time between two checks. */
+  /* This check is needed at the end of a phase, because a phase of a cycle may be shorter than the
+   * time between two checks. */
   if (is_overdue(guard, params, signals, axis) && guard->finding == AXIS_FAULT_NONE) {
     guard->finding = AXIS_FAULT_NO_CONTACT;
   }

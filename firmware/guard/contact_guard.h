@@ -61,7 +61,7 @@ typedef struct {
   int32_t steady_demand;
   int32_t first_cnt; /* encoder count at the first contact */
   /* encoder count and tick at the start of the approach. The travel and the time of later phases of
-   * a cycle without force control are added to them, so that these phases do not count */
+   * a cycle without force control are added to both values, so that these phases do not count */
   int32_t approach_cnt;
   uint32_t approach_tick;
   /* encoder count and tick at which the present phase of a cycle without force control began */
@@ -123,8 +123,8 @@ void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
 void contact_guard_phase(contact_guard_t *guard, const drive_params_t *params,
                          const drive_signals_t *signals, const axis_t *axis, bool controls);
 
-/* Returns true if a violation was detected that will be a fault in the next tick for every value of
- * the option objects. */
+/* Returns true if the guard has detected a violation that becomes a fault in the next tick,
+ * whatever reaction the option objects select. */
 static inline bool contact_guard_has_fault(const contact_guard_t *guard) {
   return guard->finding == AXIS_FAULT_CONTACT_TRAVEL || guard->finding == AXIS_FAULT_NO_CONTACT;
 }

@@ -177,8 +177,9 @@ static void coast(first_motion_t *first, const axis_t *axis) {
   }
 }
 
-/* Each function check_ checks a tick of one phase of the test. It returns the reason why the test
- * has failed, or AXIS_FIRST_MOTION_RESULT_RUNNING if it has not failed. */
+/* Each function whose name begins with check_ checks a tick of one phase of the test. It returns
+ * the reason why the test has failed, or AXIS_FIRST_MOTION_RESULT_RUNNING if the test has not
+ * failed. */
 
 /* Returns true if the measured force has stayed within contact_force since the phase began. */
 static bool is_steady(first_motion_t *first, const axis_t *axis) {

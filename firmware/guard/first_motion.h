@@ -85,12 +85,15 @@ enum {
 };
 
 typedef struct {
-  int32_t start_cnt;     /* encoder count at the start of the present phase */
-  int32_t origin_cnt;    /* encoder count when the test switched the amplifier on */
-  uint32_t moved_cnt;    /* largest distance from origin_cnt in this attempt, coasting included */
-  uint32_t stopped_cnt;  /* value of moved_cnt when the amplifier was switched off */
-  uint32_t coasted_cnt;  /* travel of the coasting after the previous attempt */
-  uint32_t spent_cnt;    /* travel of all earlier stopped attempts, without coasted_cnt */
+  int32_t start_cnt;  /* encoder count at the start of the present phase */
+  int32_t origin_cnt; /* encoder count when the test switched the amplifier on */
+  uint32_t moved_cnt; /* largest distance from origin_cnt in this attempt, coasting included */
+  /* distance moved_cnt at the moment at which the amplifier was switched off */
+  uint32_t stopped_cnt;
+  uint32_t coasted_cnt; /* travel by which the axis coasted after the previous attempt */
+  /* sum of the travel of all earlier stopped attempts, without the coasting of the previous
+   * attempt (coasted_cnt) */
+  uint32_t spent_cnt;
   int32_t force_start;   /* measured force at the start of the present phase */
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
@@ -104,8 +107,8 @@ typedef struct {
   int8_t direction;   /* direction of motion in the phase "out", +1 or -1 */
   /* 1 if the measured force has changed in the correct direction during the test */
   uint8_t sign_seen;
-  /* 1 if the encoder was the last value that changed at standstill; 0 if it was the measured
-   * force */
+  /* 1 if the test last saw a change of the encoder while the axis should stand still; 0 if the test
+   * last saw a change of the measured force */
   uint8_t moves;
   uint8_t rises; /* 1 if the test increases the DAC code in this tick */
   /* 1 after an attempt was stopped while the amplifier was on, until the axis is at standstill */
@@ -145,8 +148,8 @@ static inline bool first_motion_is_running(const first_motion_t *first) {
  * the axis is switched off and the test restarts. */
 void first_motion_command(first_motion_t *first, axis_t *axis, bool halted);
 
-/* Raises the fault position_gain_zero. It refuses a mode that moves the axis by the position law
- * while position_gain is 0. */
+/* Raises the fault position_gain_zero: the requested mode moves the axis by the position law, but
+ * position_gain is 0, so the mode is refused. */
 void first_motion_refuse(first_motion_t *first, drive_signals_t *signals, axis_t *axis);
 
 /* Checks a tick of a running test. Call this function after axis_tick() and before the outputs are

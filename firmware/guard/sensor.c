@@ -31,8 +31,8 @@ static bool stays_railed(sensor_t *sensor, const drive_params_t *params, const a
   return sensor->railed_tick >= fx_ticks_from_ms(params->force_railed_time);
 }
 
-/* Returns the condition (SENSOR_WINDOW_) that is met in this tick. A condition becomes a fault only
- * if it lasts for its time. This function is called in every fourth tick. */
+/* Returns which of the monitored conditions (SENSOR_WINDOW_) is met in this tick. A condition
+ * becomes a fault only if it lasts for its time. This function is called in every fourth tick. */
 static uint8_t window_of(const sensor_t *sensor, const drive_params_t *params, const axis_t *axis) {
   if (!fx_within(axis->signals.force, axis->params.contact_force)) {
     return (params->force_stuck_travel != 0 && sensor->changed == 0) ? SENSOR_WINDOW_STUCK

@@ -50,7 +50,7 @@ typedef struct {
   uint8_t window;       /* condition of the time window, SENSOR_WINDOW_ */
   uint8_t changed; /* 1 if the force code has changed since the last check of the time window */
   uint8_t enabled; /* 1 if at least one check of the force sensor is switched on */
-  /* 1 if a check is switched on and the motion of the axis depends on the measured force */
+  /* 1 if a check is switched on and the motion of the axis now depends on the measured force */
   uint8_t active;
 } sensor_t;
 

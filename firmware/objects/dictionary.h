@@ -54,10 +54,10 @@ typedef struct {
  * the offsets from the dictionary are also valid in every copy of this structure. */
 struct dictionary {
   const dictionary_owner_t *owner;
-  /* set of FW_SOURCE_ bits: sources of which a write to an object that is not open was accepted
-   * since this set was last cleared */
+  /* set of FW_SOURCE_ bits: sources of which a write was accepted since this set was last cleared;
+   * writes to objects that are open to every source do not count */
   uint8_t writers;
-  /* byte that is always 0; a TPDO sends this byte at a place without a mapped object */
+  /* byte that is always 0; a TPDO sends this byte where no object is mapped */
   uint8_t zero;
 };
 

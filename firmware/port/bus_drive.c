@@ -2,7 +2,7 @@
 
 #include "firmware/objects/generated/axis_objects_device.h"
 
-enum { AGE_MAX = 255 }; /* largest age in ticks that the inputs can contain */
+enum { AGE_MAX = 255 }; /* largest age, in ticks, that the inputs of the axis can contain */
 
 /* Node id of the master on the bus of the drive. If the drive has this node id, the master has the
  * node id MASTER - 1. */
@@ -44,8 +44,8 @@ uint8_t bus_drive_init(bus_drive_t *drive, const drive402_config_t *config) {
 void bus_drive_sample(const bus_drive_t *drive, axis_inputs_t *inputs) {
   const drive402_feedback_t feedback = drive402_feedback(&drive->master);
   inputs->encoder_cnt = feedback.position_cnt;
-  /* Until the drive is on, the axis waits with code 0, and no control law uses the position. The
-   * position is not known while the master starts the drive again. */
+  /* While the drive is off, the axis waits with DAC code 0, and no control law uses the position.
+   * The position is not known while the master restarts the drive. */
   const uint16_t age = (feedback.on != 0) ? feedback.age_ticks : 0;
   inputs->position_age = (uint8_t)((age < AGE_MAX) ? age : AGE_MAX);
   /* A board with this drive has no other amplifier, so the bit FITTED is 1 even before the drive

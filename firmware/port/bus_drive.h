@@ -20,7 +20,7 @@
 
 typedef struct {
   drive402_t master;
-  uint8_t was_enabled; /* value of amp_enable in the last tick */
+  uint8_t was_enabled; /* value of the output amp_enable in the last tick */
 } bus_drive_t;
 
 /* Computes the configuration of the master from the parameters drive_ of the object table. Returns

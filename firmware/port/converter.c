@@ -13,11 +13,12 @@ enum {
   ADS_WREG = 0x50,
   ADS_SELFCAL = 0xF0,
   ADS_RESET = 0xFE,
-  ADS_ID = 0x30,     /* upper four bits of the register STATUS */
-  ADS_BUFFER = 0x02, /* bit of the register STATUS that switches the input buffer on */
+  ADS_ID = 0x30, /* upper four bits of the register STATUS of the ADS1256 */
+  /* bit of the register STATUS of the ADS1256 that switches the input buffer on */
+  ADS_BUFFER = 0x02,
   ADS_AIN0_AIN1 = 0x01,
-  ADS_7500 = 0xD0, /* value of the register DRATE: 7500 conversions per second */
-  /* mask of the bits of STATUS that are compared: all except the bit that shows whether a
+  ADS_7500 = 0xD0, /* value of the register DRATE of the ADS1256: 7500 conversions per second */
+  /* mask of the bits of STATUS (ADS1256) that are compared: all except the bit that shows whether a
    * conversion is ready */
   ADS_STATUS_MASK = 0xFE,
   ADS_ADCON_MASK = 0x7F
@@ -65,8 +66,9 @@ static void expect(converter_step_t *step, uint8_t at, uint8_t wanted, uint8_t m
   step->mask[at] = mask;
 }
 
-/* Makes a step that sends a register address. If `expects` is false, the step also sends the 24
- * bits of `value`, the highest byte first. Otherwise the step expects to receive these 24 bits. */
+/* Makes a step of the configuration that sends the address of a register. If `expects` is false,
+ * the step also sends the 24 bits of `value`, the highest byte first. Otherwise the converter must
+ * answer with these 24 bits. */
 static void exchange_24(converter_step_t *step, uint8_t address, uint32_t value, bool expects) {
   const uint8_t bytes[] = {(uint8_t)(value >> 16), (uint8_t)(value >> 8), (uint8_t)value};
   step->sent[0] = address;
@@ -120,7 +122,7 @@ static bool ads1256_step(uint8_t gain, uint8_t number, converter_step_t *step) {
 }
 
 static bool ad7193_step(uint8_t gain, uint8_t number, converter_step_t *step) {
-  /* at least 40 bits with the value 1 */
+  /* a reset needs at least 40 bits with the value 1 */
   static const uint8_t reset[] = {ALL, ALL, ALL, ALL, ALL, ALL};
   /* The AD7193 has the gain 1 and the gains 8 to 128. The code of a gain is its exponent to the
    * base 2. */
@@ -180,7 +182,7 @@ static bool is_odd(uint32_t word) {
 }
 
 /* Checks the status byte that follows a reading of the AD7193. Its bit PARITY is 1 if the number of
- * ones in the data is odd. If all bits of the data are 0, the line stands still. */
+ * ones in the data is odd. If all bits of the data are 0, the data line is stuck at 0. */
 static bool ad7193_is_right(uint32_t data, uint8_t status) {
   return (status & (AD_ERROR | AD_NO_REFERENCE | AD_CHANNEL)) == 0 &&
          is_odd(data) == ((status & AD_PARITY) != 0) && data != 0;
@@ -190,7 +192,7 @@ bool converter_take(converter_t *converter, uint8_t kind, const uint8_t *receive
   const uint32_t data =
       (uint32_t)received[0] << 16 | (uint32_t)received[1] << 8 | (uint32_t)received[2];
   const bool is_ad7193 = kind == AXIS_FORCE_CONVERTER_AD7193;
-  /* A code of the AD7193 is offset binary, and a code of the ADS1256 is two's complement. */
+  /* The code of an AD7193 is offset binary. The code of an ADS1256 is two's complement. */
   const int32_t code = (int32_t)(is_ad7193 ? data : (data ^ MIDDLE)) - MIDDLE;
   const bool is_equal = code == converter->code;
   converter->code = code;

@@ -27,12 +27,13 @@ enum { CONVERTER_EQUAL_MAX = 16 };
 
 typedef struct {
   uint8_t sent[CONVERTER_BYTES];
-  uint8_t wanted[CONVERTER_BYTES]; /* bytes that must be received */
-  uint8_t mask[CONVERTER_BYTES];   /* mask of the bits of `wanted` that are compared with the
-                                    * received bytes */
-  uint8_t count;                   /* number of bytes that this step exchanges */
-  bool after_ready;                /* true: the bytes are exchanged when a conversion is ready */
-  uint16_t pause_us;               /* shortest pause in us after the bytes of this step */
+  uint8_t wanted[CONVERTER_BYTES]; /* bytes that the port must receive in this step */
+  /* mask of the bits in which the received bytes are compared with `wanted` */
+  uint8_t mask[CONVERTER_BYTES];
+  uint8_t count; /* number of bytes that this step exchanges */
+  /* true: the port exchanges the bytes only when a conversion is ready */
+  bool after_ready;
+  uint16_t pause_us; /* shortest pause in us after the bytes of this step */
 } converter_step_t;
 
 /* State of a converter: the last reading, and the number of equal readings. All bytes must be 0 at
@@ -56,8 +57,8 @@ bool converter_is_right(const converter_step_t *step, const uint8_t *received);
 uint8_t converter_bytes(uint8_t kind);
 
 /* Stores a received reading. Returns false if the converter reports an error (AD7193: input or
- * reference out of range, another channel, parity), or if the data line or the converter stands
- * still. */
+ * reference out of range, another channel, parity), or if the data line or the converter is
+ * stuck. */
 bool converter_take(converter_t *converter, uint8_t kind, const uint8_t *received);
 
 /* Converts a code of 24 bits to an unsigned ADC code of `bits` bits, 8..16, rounded down. The

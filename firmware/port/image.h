@@ -11,8 +11,7 @@ extern uint32_t data_begin[], data_end[];
 extern const uint32_t data_load[];
 extern uint32_t bss_begin[], bss_end[];
 extern uint32_t recorder_begin[], recorder_end[];
-/* memory for cycle programs, memory for the results of parts, and memory for the curve of a
- * cycle */
+/* memories for cycle programs, for the results of parts, and for the curve of a cycle */
 extern uint32_t programs_begin[], programs_end[];
 extern uint32_t results_begin[], results_end[];
 extern uint32_t curve_begin[], curve_end[];

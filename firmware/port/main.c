@@ -91,7 +91,8 @@ static void can_out(void) {
   /* CAN frame that port_can_transmit() has refused; it is sent again later */
   static can_frame_t waiting;
   static bool is_waiting;
-  /* A frame that was waiting when the bus went off is too old when the bus works again. */
+  /* Discards a waiting frame while the bus is off, because the frame would be too old when the bus
+   * works again. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
     if (!is_waiting) {

@@ -1,5 +1,5 @@
-/* Functions of the C library that the compiler calls without a call in the source. This file
- * defines them, because the image for a board has no C library. */
+/* Functions of the C library to which the compiler may add calls that are not in the source. This
+ * file defines them, because the image for a board has no C library. */
 
 #include <stddef.h>
 #include <stdint.h>

@@ -44,7 +44,7 @@ static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, r
 typedef struct {
   record_t last;
   record_t before;
-  uint32_t next; /* address of the end of the last record of the sector */
+  uint32_t next; /* address of the end of the last record in the sector */
   uint32_t end;
 } sector_t;
 
@@ -135,8 +135,8 @@ void archive_init(archive_t *archive, const store_memory_t *memory, uint32_t sam
   }
 }
 
-/* Ends the check of a record. If its CRC is correct and its incident was not cleared, the record
- * becomes the archived incident. */
+/* Ends the check of a record. The record becomes the archived incident if its CRC is correct and
+ * its incident was not cleared. */
 static void end_check(archive_t *archive, bool is_right) {
   const store_memory_t *memory = archive->memory;
   archive->step = IDLE;
@@ -194,8 +194,8 @@ static void pack(uint8_t piece[PIECE_BYTES], uint32_t a, uint32_t b, uint32_t c,
   fx_store_le(piece + 12, d, 4);
 }
 
-/* Copies 16 bytes of the record that is being written into `piece`, beginning at the offset
- * `offset` in the record. */
+/* Copies to `piece` 16 bytes of the record that the archive is writing. `offset` is the offset of
+ * the first of these bytes in the record. */
 static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint32_t offset,
                      uint8_t piece[PIECE_BYTES]) {
   const record_t *record = &archive->record;
@@ -214,8 +214,8 @@ static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint3
   }
 }
 
-/* Ends the writing of a record that cannot be written completely. The sector with this record is
- * not used until the next power-up. */
+/* Gives up a record that cannot be written completely. The sector with this record is not used
+ * until the next power-up. */
 static void give_up(archive_t *archive) {
   archive->record = archive->before;
   archive->before = none;
@@ -282,8 +282,8 @@ static void step_load(archive_t *archive, blackbox_t *blackbox) {
                    (uint16_t)fx_field(count_word, 0, 16), (uint16_t)fx_field(count_word, 16, 16));
 }
 
-/* Returns true if the incident of the black box must be archived. This is so if the archive does
- * not have this incident, and no incident was archived in the last 24 hours. */
+/* Returns true if the incident of the black box must be archived: the archive does not contain this
+ * incident, and no incident was archived in the last 24 hours. */
 static bool is_due(const archive_t *archive, const blackbox_t *blackbox, uint32_t tick) {
   const bool is_known = archive->sequence != 0 && archive->samples_crc == blackbox->crc;
   return archive->begin != ARCHIVE_NOWHERE && !is_known &&

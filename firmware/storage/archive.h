@@ -26,8 +26,8 @@
 
 enum {
   ARCHIVE_DAY_TICKS = 129600000,
-  /* size in bytes of the four words that describe an incident: tick, CRC of the samples, error code
-   * with fault, number of samples with trigger index */
+  /* size in bytes of the four words that describe an incident: tick; CRC of the samples; error code
+   * and fault; number of samples and trigger index */
   ARCHIVE_ABOUT_BYTES = 16,
   ARCHIVE_CLEARED_BYTES = 4
 };
@@ -41,8 +41,8 @@ static inline uint32_t archive_bytes(uint32_t samples) {
 
 typedef struct {
   const store_memory_t *memory; /* memory of the archive; NULL if no incident is archived */
-  /* record of the newest complete incident. Its magic is RECORD_NONE if there is no incident, or if
-   * this incident was cleared */
+  /* record of the newest complete incident. Its field `magic` is RECORD_NONE if there is no
+   * incident, or if this incident was cleared */
   record_t record;
   record_t before;      /* record of an earlier incident, which is used if `record` is damaged */
   uint32_t samples_crc; /* CRC-32 of the samples of `record` */
@@ -55,10 +55,10 @@ typedef struct {
   uint32_t day_tick;
   uint32_t at;     /* address of the next bytes that are read or programmed */
   uint32_t crc;    /* CRC of the bytes of the record before the address `at` */
-  uint8_t step;    /* kind of the step that archive_serve() does next */
-  uint8_t is_new;  /* 1 if the record that is being checked was written just before */
-  uint8_t written; /* 1 if day_tick is valid */
-  uint8_t clear;   /* 1 if the incident in `record` must still be marked as cleared */
+  uint8_t step;    /* next step of archive_serve() */
+  uint8_t is_new;  /* 1 if the archive is checking the record that it has just written */
+  uint8_t written; /* 1 if the field day_tick is valid */
+  uint8_t clear;   /* 1 if the archive must still mark the incident in `record` as cleared */
 } archive_t;
 
 /* Value of the field `begin` if the memory has no room for another record. */

@@ -30,8 +30,8 @@ static uint32_t entry_node_id(const dictionary_t *objects, uint16_t object) {
   return (uint32_t)node_id;
 }
 
-/* Handles an entry of a parameter that had its default when it was stored. If the present object
- * table has another default, the verdict becomes ENTRY_OLD_DEFAULT. */
+/* Handles an entry whose parameter had its default when it was stored. If the default differs in
+ * the present object table, the verdict on the entry becomes ENTRY_OLD_DEFAULT. */
 static void check_default(const dictionary_t *objects, entry_t *entry) {
   if (entry->value != axis_objects[entry->object].initial) {
     entry->verdict = ENTRY_OLD_DEFAULT;

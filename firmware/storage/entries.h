@@ -12,10 +12,10 @@
 
 enum { ENTRY_BYTES = 12 };
 
-/* Result of the comparison of a stored entry with the present object table. ENTRY_INERT means that
- * the entry is a PDO mapping whose object can no longer be mapped. The PDO then has no mapped
- * objects. With the default mapping instead, the following objects would be at wrong places in the
- * frame. */
+/* Result of the comparison of a stored entry with the present object table. ENTRY_INERT: the entry
+ * is a PDO mapping whose object can no longer be mapped. Then the PDO has no mapped objects,
+ * because with the default mapping the objects after the missing one would be at wrong places in
+ * the frame. */
 typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_INERT, ENTRY_DROPPED } verdict_t;
 
 typedef struct {

@@ -101,7 +101,8 @@ uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
   return tail;
 }
 
-/* Stores a complete record, which was found in a sector, in the description of this sector. */
+/* Stores a complete record, which was found in a sector, in the structure that describes this
+ * sector. */
 static void note(record_sector_t *sector, record_t sets[2], const record_t *record) {
   if (is_set(record->magic)) {
     sort_in(sets, record);
@@ -128,8 +129,8 @@ bool record_is_copied(const store_memory_t *memory, uint32_t sector) {
          record_word(memory, end - RECORD_MARK_END) == UINT32_MAX;
 }
 
-/* No complete record begins at the address `at`. Returns the number of bytes that must be skipped
- * there: the space of an interrupted record, or one word. */
+/* Call this function if no complete record begins at the address `at`. Returns the number of bytes
+ * to skip at this address: the space of an interrupted record, or one word. */
 static uint32_t skip(const store_memory_t *memory, uint32_t at, uint32_t end, bool has_head,
                      const record_t *record, record_sector_t *sector) {
   const uint32_t word = record_word(memory, at);

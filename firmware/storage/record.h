@@ -75,9 +75,9 @@ uint32_t record_crc(uint32_t crc, const uint8_t *bytes, uint32_t count);
 uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32_t at,
                               uint32_t end);
 
-/* Offsets in bytes from the end of a sector. RECORD_MARK: offset of the mark that the sector is
- * being copied, which is a RECORD_COPY. RECORD_MARK_END: offset of a word that is blank as long as
- * this mark is valid. */
+/* Offsets in bytes from the end of a sector. RECORD_MARK: offset of the record RECORD_COPY that
+ * marks the sector while it is being copied. RECORD_MARK_END: offset of a word that is blank as
+ * long as this mark is valid. */
 enum { RECORD_MARK = 32, RECORD_MARK_END = RECORD_MARK - RECORD_HEAD_BYTES - RECORD_CRC_BYTES };
 
 /* Returns the number of bytes that a record occupies, filled to a multiple of 16. */
@@ -85,7 +85,7 @@ static inline uint32_t record_space(uint32_t entries) {
   return (record_bytes(entries) + 15) & ~UINT32_C(15);
 }
 
-/* Returns true if the mark at the end of a sector is valid, which means that the sector was being
+/* Returns true if the end of the sector has a valid mark, which means that the sector was being
  * copied. */
 bool record_is_copied(const store_memory_t *memory, uint32_t sector);
 
@@ -93,16 +93,18 @@ bool record_is_copied(const store_memory_t *memory, uint32_t sector);
  * complete. */
 bool record_read(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record);
 
-/* Contents of a sector. A record that does not exist has the magic RECORD_NONE. */
+/* Contents of a sector. If a record does not exist, its field `magic` is RECORD_NONE. */
 typedef struct {
-  /* newest complete record with cycle programs; `counts`: newest complete record with counts */
+  /* newest complete record with cycle programs; `counts`: newest complete record with counts of
+   * pressed parts */
   record_t programs;
   record_t counts;
-  /* offset in bytes, from the start of the sector, of the end of all records and of all bytes that
-   * are not blank */
+  /* offset in bytes from the start of the sector. From this offset on, the sector has no records,
+   * and all its bytes are blank */
   uint32_t tail;
   uint8_t has_set; /* 1 if the sector has a complete parameter set */
-  /* 1 if the sector begins with a RECORD_COPY, even one whose writing was interrupted */
+  /* 1 if the sector begins with the record RECORD_COPY; the writing of this record may have been
+   * interrupted */
   uint8_t is_copy;
   /* 1 if the sector has a valid mark at its end, which announces a copy of the sector */
   uint8_t is_copied;

@@ -15,7 +15,7 @@
 
 enum {
   SLOTS = 2,
-  SLOTS_NONE = 2, /* result of slots_choose() if no slot has an image that may be started */
+  SLOTS_NONE = 2, /* result of slots_choose(): no slot has an image that may be started */
   SLOT_TRIES = 4,
   SLOT_TRAILER_BYTES = 64,
   SLOT_IMAGE_BYTES_MAX = 130048 /* largest length of an image: 127 KiB */
@@ -32,8 +32,8 @@ typedef struct {
   /* sequence number of the image; the image with the highest number is the newest */
   uint32_t sequence;
   uint32_t confirmed; /* SLOT_PROGRAMMED: the image is confirmed */
-  /* one word for each permitted attempt to start the image; SLOT_BLANK: this attempt was not used
-   * yet */
+  /* one word for each permitted attempt to start the image; SLOT_BLANK: the attempt that belongs to
+   * the word was not used yet */
   uint32_t tries[SLOT_TRIES];
   uint32_t unused[7];
 } slot_trailer_t;

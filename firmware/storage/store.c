@@ -12,7 +12,7 @@ enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 /* Offset in bytes, from the begin of a record, of the word with the size of its entries. */
 enum { ENTRIES_WORD = 12 };
 
-/* Number of records with counts of parts for which a sector always has room, even with the largest
+/* A sector always has room for this number of records with counts of parts, even with the largest
  * library of cycle programs. */
 enum { COUNTS_RESERVED = 8 };
 
@@ -27,14 +27,15 @@ enum {
   STEP_READ_BACK
 };
 
-/* Kinds of jobs of the parameter store. JOB_SAVE: write the parameters. JOB_FORGET: write the mark
- * that all defaults are restored. JOB_PARTS: write extra records. */
+/* Kinds of jobs of the parameter store. JOB_SAVE: write the parameters. JOB_FORGET: write the
+ * record that restores all defaults. JOB_PARTS: write the cycle programs and the counts of
+ * parts. */
 enum { JOB_SAVE, JOB_FORGET, JOB_PARTS };
 
-/* The records that a job of the store writes, in the order in which it writes them. */
+/* The records that a job of the parameter store can write, in the order of writing. */
 enum {
   ITEM_COPY,
-  ITEM_PARTS, /* first of the extra records */
+  ITEM_PARTS, /* first of the extra records: cycle programs and counts of parts */
   ITEM_SET = ITEM_PARTS + STORE_PARTS,
   ITEM_END
 };
@@ -67,8 +68,8 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
   return usable;
 }
 
-/* Reports a parameter in the list of changes of the store: it does not have its stored value, or it
- * keeps the default of an earlier object table. */
+/* Adds a parameter to the list of changes of the store. The parameter does not have its stored
+ * value, or keeps the default of an earlier object table. */
 static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
@@ -79,8 +80,8 @@ static void note_change(store_t *store, const entry_t *entry) {
   store->dropped = dropped ? 1 : store->dropped;
 }
 
-/* Sets the object of an entry to the stored value if the object belongs to the block `block`.
- * AXIS_BLOCK_NONE means every block. */
+/* Sets the object of an entry to the stored value if the object belongs to the block `block`. If
+ * `block` is AXIS_BLOCK_NONE, the object may belong to any block. */
 static void restore(dictionary_t *objects, const entry_t *entry, uint8_t block) {
   if (entry->verdict != ENTRY_DROPPED &&
       (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
@@ -108,9 +109,9 @@ static void find_part(store_t *store, uint8_t part, const record_t *record) {
   store->found_bytes[part] = exists ? record->entries : 0;
 }
 
-/* Makes the sector of the parameter set `record` the home of the store. The next record is
- * programmed after the last byte of this sector that is not blank, and not before the end of this
- * set, because the CRC of the set may look like blank bytes. */
+/* Makes the sector of the parameter set `record` the present sector of the store. The next record
+ * is programmed after the last byte of this sector that is not blank, and not before the end of
+ * this set, because the CRC of the set may look like blank bytes. */
 static void settle(store_t *store, const record_sector_t sectors[2], const record_t *record) {
   store->home = sector_of(store, record->begin);
   const record_sector_t *home = &sectors[store->home];
@@ -120,9 +121,9 @@ static void settle(store_t *store, const record_sector_t sectors[2], const recor
   find_part(store, STORE_COUNTS, &home->counts);
 }
 
-/* Returns true if the memory has bytes of a newer parameter set that is not complete. They are
- * bytes after the last set, or a used sector that has no complete set and was not being written as
- * a copy. */
+/* Returns true if the memory has bytes of a newer parameter set that is incomplete. Such bytes are
+ * after the last set of a sector. They are also in a used sector without a complete set, unless
+ * this sector was being written as a copy. */
 static bool has_remains(const store_t *store, const record_sector_t sectors[2]) {
   const record_sector_t *home = &sectors[store->home];
   const record_sector_t *other = &sectors[other_sector(store->home)];
@@ -213,7 +214,8 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   return true;
 }
 
-/* Returns the size in bytes of the entries of the record `item` that the present job writes. */
+/* Returns the size in bytes of the entries of one record of the present job. `item` is the number
+ * of this record. */
 static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
   if (is_part(item)) {
     return store->parts[item - ITEM_PARTS].count;
@@ -231,8 +233,8 @@ static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
 
-/* Begins the next record of the job, from `item` on, at the address `at`. If there is no more
- * record, the job ends. */
+/* Begins the next record of the job at the address `at`. `item` is the smallest number that this
+ * record may have. If there is no more record, the job ends. */
 static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   while (item < ITEM_END && (store->items & fx_bit(item)) == 0) {
     item = (uint8_t)(item + 1);
@@ -247,8 +249,8 @@ static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   store->step = (item < ITEM_END) ? STEP_HEAD : STEP_IDLE;
 }
 
-/* Returns the set of the records that are written to a sector before it becomes the home of the
- * store. A copy begins with a mark. */
+/* Returns the set of the records that the store writes to the other sector before it continues in
+ * this sector. If the sector is a copy, its first record marks it as a copy. */
 static uint8_t items_of_sector(const store_t *store) {
   uint32_t items = fx_bit(ITEM_SET) | ((store->job == JOB_PARTS) ? fx_bit(ITEM_COPY) : 0);
   for (uint32_t i = 0; i < STORE_PARTS; i++) {
@@ -257,9 +259,9 @@ static uint8_t items_of_sector(const store_t *store) {
   return (uint8_t)items;
 }
 
-/* Begins the present job in a sector that is not the home of the store. This sector is erased
- * first. If the home still has the mark of an earlier copy that was abandoned, a save of parameters
- * ends the mark first. */
+/* Begins the present job in the other sector, which is erased first. If the present sector still
+ * has the mark of an earlier copy that was abandoned, a save of parameters makes this mark invalid
+ * first. */
 static void begin_in_other(store_t *store, uint32_t sector) {
   const bool is_marked = store->home != STORE_NOWHERE && store->job != JOB_PARTS &&
                          record_is_copied(store->memory, store->home);
@@ -269,13 +271,14 @@ static void begin_in_other(store_t *store, uint32_t sector) {
   store->step = is_marked ? STEP_UNMARK : STEP_ERASE;
 }
 
-/* Returns the address of the mark in the home of the store that announces a copy. */
+/* Returns the address of the mark at the end of the present sector. The mark shows that this sector
+ * is being copied. */
 static uint32_t mark_of(const store_t *store) {
   return (store->home + 1) * store->memory->sector_bytes - RECORD_MARK;
 }
 
-/* Begins to copy the contents of the home of the store to the other sector. A mark is written to
- * the home first. */
+/* Begins to copy the contents of the present sector to the other sector. First a mark is written at
+ * the end of the present sector. */
 static void begin_copy(store_t *store) {
   if (store->home == STORE_NOWHERE || record_word(store->memory, mark_of(store)) != UINT32_MAX) {
     begin_in_other(store, other_sector(store->home));
@@ -295,16 +298,16 @@ static uint32_t bytes_of_job(const store_t *store) {
   return bytes;
 }
 
-/* Returns the number of free bytes in the home of the store, which is the sector with the newest
- * set. */
+/* Returns the number of free bytes in the present sector of the store, which is the sector with the
+ * newest parameter set. */
 static uint32_t room_of(const store_t *store) {
   const uint32_t used = store->tail + RECORD_MARK;
   const uint32_t bytes = store->memory->sector_bytes;
   return (store->home == STORE_NOWHERE || used > bytes) ? 0 : bytes - used;
 }
 
-/* Begins a job of the kind `job`. If the home of the store has room, the job writes the records
- * `items` there. Otherwise it writes all records to the other sector. */
+/* Begins a job of the kind `job`. If the present sector has room, the job writes the records
+ * `items` to this sector. Otherwise the job writes all records to the other sector. */
 static void begin_job(store_t *store, uint8_t job, uint8_t items) {
   store->job = job;
   store->again = 0;
@@ -350,8 +353,8 @@ int store_save(store_t *store) {
   return begin_save(store, &none, AXIS_OBJ_NONE, AXIS_OBJ_COUNT);
 }
 
-/* Reads the head of the loaded parameter set. If no set is loaded, the magic of *record becomes
- * RECORD_NONE. Returns false if the set is damaged. */
+/* Reads the head of the loaded parameter set into *record. If no set is loaded, the field `magic`
+ * of *record becomes RECORD_NONE. Returns false if the set is damaged. */
 static bool read_set(const store_t *store, record_t *record) {
   record->magic = RECORD_NONE;
   if (store->memory == NULL || store->set == STORE_NOWHERE) {
@@ -371,8 +374,8 @@ int store_save_only(store_t *store, uint16_t first, uint16_t last) {
 
 int store_forget(store_t *store) { return begin(store, JOB_FORGET); }
 
-/* Ends the attempt to write the record in the present sector. If the other sector does not contain
- * the newest parameter set, begins a second attempt in that sector. */
+/* Gives up the attempt to write the record in this sector. If the other sector does not contain the
+ * newest parameter set, begins a second attempt in the other sector. */
 static uint8_t give_up(store_t *store) {
   const uint32_t other = other_sector(store->sector);
   if (store->sector == store->home) {
@@ -388,7 +391,7 @@ static uint8_t give_up(store_t *store) {
   return AXIS_STORE_STATE_FAILED;
 }
 
-/* Begins to write the extra records that have changed. */
+/* Begins to write those extra records (cycle programs, counts of parts) that have changed. */
 static uint8_t begin_parts(store_t *store) {
   if (!read_set(store, &store->basis)) {
     return AXIS_STORE_STATE_FAILED;
@@ -439,7 +442,8 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the step that follows for the record after the bytes that were programmed so far. */
+/* Returns the step of the job that follows after the bytes of the record that were programmed so
+ * far. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
@@ -480,7 +484,7 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-/* Returns the value of the next object that the present save stores. */
+/* Returns the value that the present save stores for the next object. */
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {
@@ -495,7 +499,8 @@ static int32_t value_to_save(const store_t *store, const dictionary_t *objects) 
   return value;
 }
 
-/* Programs the next bytes of an extra record, or of a parameter set that is copied. */
+/* Programs the next bytes of a record that is copied from memory: the cycle programs, the counts of
+ * parts, or the parameter set of the present sector. */
 static bool step_bytes(store_t *store) {
   const uint32_t end = entries_end(store);
   const uint32_t offset = store->at - store->begin - RECORD_HEAD_BYTES;
@@ -537,8 +542,9 @@ static bool step_crc(store_t *store) {
   return done;
 }
 
-/* Ends a record that was read back, and begins the next record. After a complete parameter set, its
- * sector becomes the home of the store. After a mark at the end of the home, the copy begins. */
+/* Ends a record that was read back, and begins the next record. After a complete parameter set, the
+ * store continues in the sector of this set. After the mark at the end of the present sector, the
+ * copy of this sector begins. */
 static void end_item(store_t *store, uint32_t end) {
   const uint32_t tail = end - store->sector * store->memory->sector_bytes;
   const bool is_home = store->sector == store->home;
@@ -577,7 +583,8 @@ static bool step_read_back(store_t *store) {
   return true;
 }
 
-/* Makes the mark in the home of the store invalid. */
+/* Makes the mark at the end of the present sector invalid, so that this sector no longer counts as
+ * being copied. */
 static bool unmark(store_t *store) {
   static const uint8_t zeros[4] = {0, 0, 0, 0};
   return program_at(store, mark_of(store) + RECORD_MARK - RECORD_MARK_END, zeros, sizeof(zeros));
@@ -640,9 +647,9 @@ void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool chang
   }
 }
 
-/* Returns true if the home of the store has no room for the next counts, but the other sector would
- * have room. The store then continues in the other sector. Otherwise the next power-up would have
- * to wait for an erase. */
+/* Returns true if the present sector has no room for the next counts of parts, but the other sector
+ * would have room. The store then continues in the other sector, because otherwise the next
+ * power-up would have to wait for an erase. */
 static bool lacks_room(const store_t *store) {
   const uint32_t counts = record_space(STORE_COUNTS_BYTES);
   if (store->home == STORE_NOWHERE || store->may_move == 0 ||
@@ -684,8 +691,8 @@ void store_parts_tick(store_t *store, const dictionary_t *objects) {
   store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
 }
 
-/* Abandons a write of extra records. The bytes that were programmed so far are not used, and
- * neither is the space that the head of the record announces. */
+/* Abandons a write of extra records. The store does not use the bytes that were programmed so far,
+ * nor the rest of the space that the head of the record announces. */
 void store_abandon(store_t *store) {
   if (store->step == STEP_IDLE || store->job != JOB_PARTS) {
     return;

@@ -57,7 +57,8 @@ enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
   /* smallest size of a sector in bytes, with room for a parameter set and for later parameters */
   STORE_SECTOR_MIN = 8192,
-  STORE_CHANGES = 8 /* number of objects store_change_1 to _8, each of which reports one change */
+  /* number of objects store_change_1 to _8; each of these objects reports one change */
+  STORE_CHANGES = 8
 };
 
 /* Kinds of changes that an object store_change_ reports. STORE_CHANGE_DROPPED: the stored value is
@@ -75,7 +76,8 @@ enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES
  * being written or must be written. FAILED: the last write of an extra record has failed. */
 enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
 
-/* Contents of an extra record. The size in bytes is a multiple of 4. */
+/* Contents of an extra record: the cycle programs or the counts of parts. The size in bytes is a
+ * multiple of 4. */
 typedef struct {
   const uint8_t *bytes;
   uint32_t count;
@@ -83,27 +85,30 @@ typedef struct {
 
 typedef struct {
   const store_memory_t *memory; /* memory of the store; NULL if no parameter is stored */
-  /* number of the sector with the newest parameter set; STORE_NOWHERE: there is no set */
+  /* number of the present sector, which contains the newest parameter set; STORE_NOWHERE: there is
+   * no set */
   uint32_t home;
-  uint32_t tail;     /* offset in bytes in the sector `home` from which all bytes are blank */
+  /* offset in bytes in the present sector; from this offset on all bytes are blank */
+  uint32_t tail;
   uint32_t sequence; /* highest sequence number of all records */
   uint32_t set;      /* address of the loaded parameter set; STORE_NOWHERE: no set is loaded */
-  /* first changes that were found when the parameter set was loaded: address of the parameter plus
-   * kind of the change */
+  /* first changes that were found when the parameter set was loaded. Each value is the address of
+   * the parameter plus the kind of the change */
   uint32_t changes[STORE_CHANGES];
   /* number of all changes that were found when the parameter set was loaded */
   uint16_t change_count;
-  uint8_t dropped;                 /* 1 if at least one change is a STORE_CHANGE_DROPPED */
-  store_part_t parts[STORE_PARTS]; /* present contents of the extra records */
-  /* found, found_bytes: address and number of the bytes of each extra record that the last load has
-   * found */
+  uint8_t dropped; /* 1 if at least one change is a STORE_CHANGE_DROPPED */
+  /* present contents of the extra records (cycle programs, counts of parts) */
+  store_part_t parts[STORE_PARTS];
+  /* for each extra record, address at which the last load has found its bytes; `found_bytes`:
+   * number of these bytes */
   uint32_t found[STORE_PARTS];
   uint32_t found_bytes[STORE_PARTS];
-  /* set, as bits, of the extra records whose present contents are not stored */
+  /* set, as bits, of the extra records whose present contents are not in the memory of the store */
   uint8_t changed;
   uint8_t parts_failed; /* 1 if the last write of an extra record failed */
-  /* 1 if the other sector may be erased without a command, because it contains no data that a user
-   * needs */
+  /* 1 if the store may erase its other sector without a command, because this sector contains no
+   * data that a user needs */
   uint8_t may_move;
   /* The following fields describe the work in progress. `step`: next step of this work. */
   uint8_t step;
@@ -111,14 +116,14 @@ typedef struct {
   /* kind of the present job. A job is a command of the user, or a write of extra records */
   uint8_t job;
   uint8_t item;    /* number of the record that is being written */
-  uint8_t items;   /* set, as bits, of the records that this job writes */
+  uint8_t items;   /* set, as bits, of the records that the present job writes */
   uint8_t again;   /* 1 during the second attempt to write the record */
   uint16_t object; /* number of the object whose entry is programmed next */
-  /* `first`, `last`: range of the objects whose present values are saved */
+  /* first object whose present value is saved; `last`: last object whose present value is saved */
   uint16_t first;
   uint16_t last;
-  /* stored record with the values of all objects outside `first` to `last`; in a copy, parameter
-   * set that is copied */
+  /* record with the stored values of the objects outside the range `first` to `last`. In a copy it
+   * is the parameter set that is copied */
   record_t basis;
   uint32_t begin; /* address of the record that is being written */
   uint32_t at;    /* address of the next bytes that are programmed or read back */
@@ -187,7 +192,7 @@ uint32_t store_programs_max(const store_t *store);
  * write the bytes. */
 void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed);
 
-/* Returns true if the present contents of an extra record are stored. */
+/* Returns true if the memory of the store has the present contents of the extra record `part`. */
 bool store_part_is_stored(const store_t *store, uint8_t part);
 
 /* Returns the state of the extra records, STORE_PARTS_. */

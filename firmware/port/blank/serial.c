@@ -19,7 +19,7 @@ typedef struct {
 #define USART ((usart_t *)0x40011000)
 enum { USART_SR_RXNE = 0x20, USART_SR_TXE = 0x80, USART_CR1_ENABLED = 0x200C };
 
-/* On a board with a watchdog timer, port_start() also starts this timer. */
+/* On a board with a watchdog timer, the function port_start() also starts the watchdog timer. */
 void port_start(void) {
   USART->CR1 = USART_CR1_ENABLED;
   tick_start();

@@ -14,10 +14,12 @@ typedef struct {
 #define SYSTICK ((systick_t *)0xE000E010)
 enum { SYSTICK_CLOCKED_BY_CORE_WITH_INTERRUPT = 7 };
 
-extern const uint8_t core_hz[]; /* the address of this symbol is the clock frequency in Hz */
+/* The address of this symbol is the clock frequency of the core in Hz. */
+extern const uint8_t core_hz[];
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
+/* fraction of a count, in 1/1500 count, that is carried over to the next tick */
+static uint32_t fraction;
 
 /* Sets the length of the next tick. A new reload value of SysTick acts from the next reload on
  * (ARMv7-M Architecture Reference Manual, B3.3). */

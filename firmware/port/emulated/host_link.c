@@ -18,7 +18,7 @@ static int32_t from_host;
 static int32_t to_host;
 static bool has_host;
 static uint32_t ticks;
-/* number of ticks that the main loop had not completed before the next tick began */
+/* number of ticks that began before the main loop had completed the previous tick */
 static uint32_t late_ticks;
 
 /* Opens the two files in the command line, which is "forceaxis FROM_HOST TO_HOST". */
@@ -93,7 +93,8 @@ static void serve_host(uint8_t *record) {
         answer(port_firmware()->drive.cycle.failed_phase, late_ticks);
         break;
       default:
-        answer(tick_entries() - 1, ticks); /* the present interrupt has computed no tick */
+        /* the present interrupt is not counted, because it has computed no tick */
+        answer(tick_entries() - 1, ticks);
         semihosting_exit();
     }
   }

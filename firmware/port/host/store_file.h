@@ -25,10 +25,11 @@ typedef struct {
   /* memory for fw_config_t; its address must not change while the firmware runs */
   store_memory_t memory;
   int file;
-  /* address after the last programmed bytes; 0 if the file was synchronised with the disk since
-   * then */
+  /* address after the last programmed byte; 0 if no byte was programmed since the file was last
+   * synchronised with the disk */
   uint32_t run_end;
-  /* address from which the programmed bytes up to run_end may not be on the disk yet */
+  /* address of the first programmed byte that may not be on the disk yet; the last one is before
+   * run_end */
   uint32_t synced_end;
 } store_file_t;
 

@@ -34,7 +34,7 @@ enum {
   TICKS_IN_S = 1500,
   ADC_MIDDLE = 32768, /* ADC code of a force of 0 or a motor current of 0 */
   AGE_MAX = 255,      /* largest age of an input in ticks */
-  /* largest number of frames that are received from the bus of the drive in a tick */
+  /* largest number of frames that one tick receives from the bus of the drive */
   FRAMES_AT_ONCE = 64,
   /* longest time to wait for values of the drive and of the force sensor before the axis starts: 5
    * s */
@@ -152,8 +152,8 @@ static void report_converter(void) {
   reported = trouble;
 }
 
-/* Some objects of the axis are times that may be too short for the bus of the drive. Writes a line
- * to standard error for each such object, once for each value of the object. */
+/* Some objects of the axis contain times that may be too short for the bus of the drive. Writes a
+ * line to standard error for each such object, once for each value of the object. */
 static void report_times(void) {
   static uint32_t reported_on = UINT32_MAX;
   static uint32_t reported_age = UINT32_MAX;
@@ -201,7 +201,7 @@ bool port_can_receive(can_frame_t *frame) { return can_line_receive(&supervisor,
 bool port_can_transmit(const can_frame_t *frame) { return can_line_send(&supervisor, frame); }
 uint8_t port_can_bus(void) { return can_line_state(&supervisor); }
 uint16_t port_can_lost(void) { return can_line_lost(&supervisor); }
-/* does nothing, because `ip link` sets the bit rate */
+/* Does nothing, because the user sets the bit rate with `ip link`. */
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
 /* Returns 0, because the axis has no serial line. */
@@ -281,8 +281,8 @@ static void stop_tick(void) {
   port_unlock();
 }
 
-/* Returns true if the drive and the force sensor have sent values, or if the longest time to wait
- * for them has passed. */
+/* Returns true if the drive and the force sensor have sent values, or if the axis has waited for
+ * them for the longest permitted time. */
 static bool is_ready(uint64_t ticks) {
   return (has_force && drive402_feedback(&drive.master).age_ticks < AGE_MAX) ||
          ticks >= START_TICKS_MAX;
@@ -341,7 +341,7 @@ static void *run_ticks(void *unused) {
       continue;
     }
     lateness_add(&lateness, late_ns);
-    /* It does no harm if a disabled axis misses ticks, so these ticks are only counted. */
+    /* A disabled axis may miss ticks, so these ticks are only counted. */
     is_too_late = is_enabled && late_ticks > config->late_ticks_max;
     tick += late_ticks;
     lateness.missed += late_ticks;
@@ -356,7 +356,8 @@ static void *run_ticks(void *unused) {
   }
 }
 
-/* Computes ticks for `lateness_s` seconds, without buses, sensors and drive. */
+/* Computes ticks for `lateness_s` seconds and measures their lateness, without buses, sensors and
+ * drive. */
 static void *measure_ticks(void *unused) {
   (void)unused;
   struct timespec start;
@@ -379,7 +380,7 @@ static void *measure_ticks(void *unused) {
   return NULL;
 }
 
-/* Starts a thread with the priority of the configuration, on the CPU of the configuration. */
+/* Starts a thread with the priority and on the CPU that the configuration gives. */
 static void start_thread(void *(*run)(void *)) {
   pthread_attr_t attributes;
   (void)pthread_attr_init(&attributes);

@@ -29,10 +29,10 @@ typedef struct {
   const char *store_path;     /* file of the stored parameters; NULL: nothing is stored */
   const char *archive_path;   /* file of the archive of incidents; NULL: no incident is kept */
   drive402_config_t drive;
-  /* load cell on the bus of the drive; identifier 0: there is no load cell */
+  /* load cell on the bus of the drive; if its CAN identifier is 0, there is no load cell */
   load_cell_t load_cell;
-  /* converter that measures the force; device NULL: there is no converter. Either a load cell or a
-   * converter is needed */
+  /* converter that measures the force; if its device is NULL, there is no converter. The axis needs
+   * either a load cell or a converter */
   iio_settings_t iio;
   /* 0: the axis runs. Otherwise the process only measures, for this number of seconds, how late its
    * ticks are. It opens no interface and no file, and ends with the report. */

@@ -57,7 +57,8 @@ static void take_error(can_line_t *line, const struct can_frame *frame) {
     line->controller = CAN_BUS_PASSIVE;
   }
   if ((controller & CAN_ERR_CRTL_RX_OVERFLOW) != 0) {
-    line->last_lost--; /* counts one more lost frame */
+    /* Counts one more lost frame, because lost frames are counted from last_lost on. */
+    line->last_lost--;
   }
 }
 
@@ -72,7 +73,8 @@ static void look(can_line_t *line) {
     line->is_down = true;
   } else if (line->is_down) {
     line->is_down = false;
-    line->controller = CAN_BUS_ACTIVE; /* a CAN controller starts in this state */
+    /* When an interface comes up, its CAN controller is error active. */
+    line->controller = CAN_BUS_ACTIVE;
   } else if (!link.has_carrier) {
     line->has_no_carrier = true;
   } else if (line->has_no_carrier) {

@@ -27,13 +27,14 @@ typedef struct {
   uint8_t controller;
   bool is_down;     /* true: the interface is down or was removed */
   bool was_removed; /* true: the interface was removed, so the socket belongs to no interface */
-  /* true: since the bus is off, the interface was once found without carrier */
+  /* true: while the bus is off, the interface was at least once without carrier */
   bool has_no_carrier;
   /* true: the bus was off at some time since the last call of can_line_state() */
   bool was_off;
   /* number of calls of can_line_receive() since a bus that is off was last checked */
   uint8_t calls;
-  uint32_t last_lost; /* value of raw.dropped at the last call of can_line_lost() */
+  /* value of raw.dropped (number of dropped frames) at the last call of can_line_lost() */
+  uint32_t last_lost;
 } can_line_t;
 
 /* Opens a CAN interface, for example "can0". The interface may be down. */

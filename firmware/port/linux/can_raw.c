@@ -27,7 +27,7 @@ static void set_options(const can_raw_t *raw) {
     return;
   }
   (void)setsockopt(raw->fd, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof(on));
-  /* Only root may set a size above the limit of the system. */
+  /* Only root may set a buffer size above the limit of the system. */
   if (setsockopt(raw->fd, SOL_SOCKET, SO_RCVBUFFORCE, &bytes, sizeof(bytes)) != 0) {
     (void)setsockopt(raw->fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof(bytes));
   }
@@ -68,7 +68,8 @@ can_raw_result_t can_raw_open(can_raw_t *raw, const char *interface,
 }
 
 bool can_raw_bind(const can_raw_t *raw) {
-  set_options(raw); /* when the interface was removed, the kernel has also removed the filters */
+  /* When the interface was removed, the kernel has also removed the filters of the socket. */
+  set_options(raw);
   return connect_to(raw) == CAN_RAW_OPEN;
 }
 

@@ -34,7 +34,7 @@ typedef struct {
 typedef enum {
   CAN_RAW_OPEN,
   CAN_RAW_NO_CAN,       /* the kernel has no SocketCAN */
-  CAN_RAW_BAD_NAME,     /* the given name cannot be the name of an interface */
+  CAN_RAW_BAD_NAME,     /* the given name is not a valid name of an interface */
   CAN_RAW_NO_INTERFACE, /* no interface has this name */
   CAN_RAW_REFUSED       /* the interface exists, but cannot be used */
 } can_raw_result_t;

@@ -118,7 +118,8 @@ static bool is_one(const char *folder, const char *name) {
   return read_text(folder, name, text) && strtol(text, NULL, 10) == 1;
 }
 
-/* `name` is the file NAME_en of a channel. Reads the index and the type of this channel. */
+/* Reads the index and the type of a channel. `name` is the name of the file NAME_en of this
+ * channel. */
 static const char *read_channel(const char *folder, const char *name, channel_t *channel) {
   char file[PATH_BYTES / 2];
   char text[TEXT_BYTES];

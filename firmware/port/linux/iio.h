@@ -21,7 +21,7 @@ extern "C" {
 enum {
   IIO_CHANNELS = 32,  /* largest number of enabled channels of a device */
   IIO_SCAN_MAX = 256, /* largest size of a scan in bytes */
-  IIO_BYTES = 4096,   /* number of bytes that are read at once; these are several scans */
+  IIO_BYTES = 4096,   /* number of bytes in one read from the device; these are several scans */
   IIO_READS = 4,      /* largest number of reads in one call of iio_take() */
   /* value of iio_settings_t.shift: the ADC code is the upper 16 bits of the value */
   IIO_SHIFT_OWN = 255
@@ -33,8 +33,7 @@ typedef struct {
   const char *buffer; /* character device of the same converter, for example /dev/iio:device0 */
   /* name of the force channel without in_ and without an ending, for example voltage0 */
   const char *channel;
-  uint8_t shift; /* number of lowest bits of the value that are cut off, 0..31, or
-                  * IIO_SHIFT_OWN */
+  uint8_t shift; /* number of low bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
 } iio_settings_t;
 
 /* Format of a value in a scan: `[be|le]:[s|u]bits/storagebits[Xrepeat][>>shift]`. */
@@ -51,12 +50,13 @@ typedef struct {
 typedef struct {
   int fd;
   iio_type_t type; /* format of the values of the channel */
-  uint8_t shift;   /* number of lowest bits of the value that are cut off, 0..31 */
+  uint8_t shift;   /* number of low bits of the value that are cut off, 0..31 */
   uint16_t offset; /* offset of the channel in a scan, in bytes */
   uint16_t scan;   /* size of a scan in bytes, 1..IIO_SCAN_MAX */
-  uint16_t used;   /* number of bytes in `bytes` that are the begin of an incomplete scan */
-  int error;       /* errno of the last read if this read has failed, otherwise 0 */
-  bool has_ended;  /* true: the last read was at the end of the file */
+  /* number of bytes in the array `bytes`; they are the begin of an incomplete scan */
+  uint16_t used;
+  int error;      /* errno of the last read if this read has failed, otherwise 0 */
+  bool has_ended; /* true: the last read has reached the end of the file */
   uint8_t bytes[IIO_BYTES];
 } iio_t;
 

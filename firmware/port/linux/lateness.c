@@ -15,8 +15,8 @@ void lateness_add(lateness_t *lateness, uint64_t late_ns) {
   }
 }
 
-/* The lateness of a tick is counted in steps. Returns the lateness in us, rounded up to a step,
- * that at least `per_myriad` of 10,000 ticks do not exceed. */
+/* Returns the lateness in us that at least `per_myriad` of 10,000 ticks do not exceed. The result
+ * is rounded up to a step, because the lateness of ticks is counted in steps. */
 static uint64_t below(const lateness_t *lateness, uint64_t per_myriad) {
   uint64_t sum = 0;
   for (uint64_t step = 0; step < LATENESS_STEPS; step++) {

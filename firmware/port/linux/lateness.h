@@ -11,8 +11,9 @@ typedef struct {
   uint64_t ticks;
   uint64_t missed; /* number of ticks that were not computed */
   uint64_t longest_us;
-  uint64_t counts[LATENESS_STEPS + 1]; /* number of ticks with a lateness within each step; the last
-                                        * step also counts all later ticks */
+  /* number of ticks whose lateness is within each step; the last step also counts all later
+   * ticks */
+  uint64_t counts[LATENESS_STEPS + 1];
 } lateness_t;
 
 /* Counts one tick that began `late_ns` nanoseconds after it was due. */

@@ -17,7 +17,7 @@ typedef struct {
   uint16_t identifier;
   uint8_t byte;  /* index in the frame of the lowest byte of the integer, 0..7 */
   uint8_t bytes; /* number of bytes of the integer, 1..4 */
-  uint8_t shift; /* number of lowest bits of the integer that are cut off, 0..31 */
+  uint8_t shift; /* number of low bits of the integer that are cut off, 0..31 */
   bool is_signed;
 } load_cell_t;
 

@@ -19,7 +19,8 @@
 enum {
   PERIOD_NS = 666667,
   PERIOD_TOLERANCE_NS = 1,
-  /* largest number of HAL pins that write objects, and largest number that show objects */
+  /* largest number of HAL pins that write objects; also the largest number of HAL pins that show
+   * objects */
   OBJECTS_MAX = 32,
   LATE_TICKS = 3,           /* initial value of the HAL parameter late-ticks-max */
   LATE_TICKS_MAX = 1000,    /* largest value of late-ticks-max */
@@ -134,7 +135,7 @@ static bool was_enabled;
 static int component;
 static pthread_t watcher;
 static atomic_uint ticks;
-/* true: the watcher thread has found that the thread of HAL no longer runs */
+/* true: the watcher thread has found that the HAL thread that computes the ticks no longer runs */
 static atomic_bool is_halted;
 static atomic_bool is_ending;
 
@@ -184,8 +185,8 @@ static void show_objects(void) {
   *pins->limit_reason = (uint32_t)object_value(AXIS_OBJ_LIMIT_REASON);
 }
 
-/* Computes the ADC code of the force from the HAL pins. Returns false if the force is outside the
- * range of the ADC codes. */
+/* Computes the ADC code of the force from the HAL pins. Returns false if this code is outside the
+ * range of ADC codes. */
 static bool read_force(uint16_t *code) {
   if (pins->force_scale == 0.0) {
     *code = (uint16_t)*pins->force_code;
@@ -255,7 +256,7 @@ static void update(void *unused, long period_ns) {
   (void)unused;
   const uint32_t late = late_ticks();
   const bool was_halted = atomic_exchange(&is_halted, false);
-  /* It does no harm if a disabled axis is late, so late ticks are then only counted. */
+  /* A disabled axis may be late, so late ticks are then only counted. */
   const bool is_late = was_enabled && (was_halted || late > pins->late_ticks_max);
   const bool is_timely = !is_wrong_period(period_ns) && !is_late;
   const axis_inputs_t now = read_inputs();
@@ -269,7 +270,8 @@ static void update(void *unused, long period_ns) {
   (void)fw_report(&firmware);
   fw_between(&firmware);
   if (late > 0) {
-    fw_overrun(&firmware, 0); /* HAL computes late ticks afterwards, so no tick is missed */
+    /* HAL computes each late tick afterwards, so the number of missed ticks is 0 */
+    fw_overrun(&firmware, 0);
   }
   show_objects();
   (void)atomic_fetch_add(&ticks, 1);
@@ -291,7 +293,7 @@ static void report_fault(void) {
   reported = code;
 }
 
-/* Sleeps for a longer time than late-ticks-max ticks. Returns false if the time of ticks is not
+/* Sleeps for longer than late-ticks-max ticks. Returns false if the lateness of ticks is not
  * measured. */
 static bool wait_for_ticks(void) {
   const uint32_t limit = pins->late_ticks_max;
@@ -302,8 +304,8 @@ static bool wait_for_ticks(void) {
   return limit > 0;
 }
 
-/* The watcher thread. It makes the outputs safe when the thread of HAL no longer runs, because
- * nothing else does this. */
+/* The watcher thread. It makes the outputs safe when the HAL thread that computes the ticks no
+ * longer runs. Nothing else makes them safe in this case. */
 static void *watch(void *unused) {
   (void)unused;
   unsigned seen = 0;
@@ -400,8 +402,8 @@ static int make_object_pin(object_t *object, const char *name, hal_pin_dir_t dir
   return status;
 }
 
-/* Returns name i of `given`, the objects in the command loadrt. If loadrt names no object, returns
- * name i of `usual`. */
+/* Returns the name with the index i of `given`, the names of objects in the command loadrt. If this
+ * command names no object, returns the name with the index i of `usual`. */
 static const char *name_of(char *const *given, const char *const *usual, size_t count, size_t i) {
   if (given[0] != NULL) {
     return (i < OBJECTS_MAX) ? given[i] : NULL;

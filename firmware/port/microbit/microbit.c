@@ -34,7 +34,8 @@ enum { MODE_TIMER = 0, BITMODE_32_BITS = 3, INTENSET_COMPARE0 = 1 << 16 };
 enum { COUNTS_AHEAD = 16 };
 
 static volatile uint32_t entries;
-static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
+/* fraction of a count, in 1/1500 count, that is carried over to the next tick */
+static uint32_t fraction;
 
 /* Sets the compare value of the next tick. The value is at least 1 us ahead of the counter, because
  * the counter would reach a passed value only after 268 s. Ticks that were due before this value

@@ -24,8 +24,9 @@ void reset(void);
 void start(void);
 
 static volatile uint32_t entries;
-static uint64_t due;      /* count of the timer at which the next tick is due */
-static uint32_t fraction; /* part of a count that remains for the next tick, in 1/1500 count */
+static uint64_t due; /* count of the timer at which the next tick is due */
+/* fraction of a count, in 1/1500 count, that is carried over to the next tick */
+static uint32_t fraction;
 
 /* The first instructions of the image. A hart (hardware thread) begins in machine mode with
  * interrupts off. */
@@ -62,7 +63,7 @@ static void set_next(void) {
 }
 
 void tick_start(void) {
-  due = MTIME[0]; /* QEMU counts from 0 at power-up, so the high word is 0 */
+  due = MTIME[0]; /* The counter of QEMU starts from 0 at power-up, so its high word is 0 here. */
   set_next();
   __asm volatile("csrs mie, %0" ::"r"(MIE_MTIE));
   port_unlock();

@@ -61,8 +61,8 @@ void pins_write_digital(uint8_t levels);
 /* returns true if the pin amp_enable has the level that was output */
 bool pins_enable_is_right(void);
 void index_interrupt(void);
-/* returns the digital inputs as AXIS_DIGITAL_INPUTS_ bits; AXIS_DIGITAL_INPUTS_INDEX is 1 if an
- * index pulse occurred since the last call */
+/* returns the digital inputs as AXIS_DIGITAL_INPUTS_ bits; the bit AXIS_DIGITAL_INPUTS_INDEX is 1
+ * if an index pulse occurred since the last call */
 uint8_t pins_din(void);
 /* returns the node id that the straps select; 0: no strap is connected */
 uint8_t pins_node_id(void);
@@ -87,8 +87,8 @@ bool adc_read(uint16_t codes[2]); /* reads the two ADC codes, which have 12 bits
 /* Starts one conversion of the internal reference, or of pin PA4 if of_reference is false. Call
  * this function between two ticks, in each tick. */
 void adc_start_one(bool of_reference);
-/* Reads the result of adc_start_one(). Returns false if the conversion has not finished. Call this
- * function before adc_read(). */
+/* Reads the result of the conversion that adc_start_one() has started. Returns false if the
+ * conversion has not finished. Call this function before adc_read(). */
 bool adc_read_one(uint16_t *code);
 
 /* monitor.c: after each tick measures either pin PA4 or the internal reference, alternately. The
@@ -105,7 +105,7 @@ void second_clock_start(void);
 void second_clock_tick(void);
 /* returns the deviation of the tick length in 1/1000; positive: ticks are too long */
 int16_t second_clock_permille(void);
-/* returns the result of the comparison as AXIS_BOARD_STATE_ bits */
+/* returns the result of the comparison of the two clocks, as AXIS_BOARD_STATE_ bits */
 uint16_t second_clock_state(void);
 
 /* supply.c: monitors the supply voltage and checks the option bytes */

@@ -18,8 +18,10 @@ typedef struct {
   can_controller_t *registers;
   bool reports_sent; /* true: a frame that was sent causes an interrupt */
   can_frame_t ring[CAN_LINE_RING];
-  volatile uint8_t ring_in;  /* index in `ring` that only the interrupt writes */
-  volatile uint8_t ring_out; /* index in `ring` that only the reader writes */
+  /* index in `ring` of the next frame to store; only the interrupt writes it */
+  volatile uint8_t ring_in;
+  /* index in `ring` of the next frame to read; only the reader writes it */
+  volatile uint8_t ring_out;
   /* number of frames for which the ring buffer had no room; written by the interrupt */
   volatile uint16_t dropped;
   uint16_t dropped_reported;

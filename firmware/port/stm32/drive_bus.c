@@ -22,16 +22,18 @@ static bool is_fitted;
 static bool has_begun; /* true: the ticks of the master have begun */
 
 static can_frame_t waiting[WAITING];
-static volatile uint8_t waiting_in;  /* index in `waiting` that only the tick writes */
-static volatile uint8_t waiting_out; /* index in `waiting` that only the interrupt writes */
-static volatile bool is_stuck;       /* true: the interrupt must discard all frames of `waiting` */
+/* index in `waiting` of the next frame to store; only the tick writes it */
+static volatile uint8_t waiting_in;
+/* index in `waiting` of the next frame to send; only the interrupt writes it */
+static volatile uint8_t waiting_out;
+static volatile bool is_stuck; /* true: the interrupt must discard all frames of `waiting` */
 
 void drive_bus_start(const device_params_t *params) {
   is_fitted = bus_drive_config(params, &config);
   if (!is_fitted) {
     return;
   }
-  /* the master itself reports why a configuration is refused */
+  /* If the configuration is refused, the master itself reports the reason. */
   (void)bus_drive_init(&drive, &config);
   if (!io_clock_is_right()) {
     line.reported = CAN_BUS_OFF;

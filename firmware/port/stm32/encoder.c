@@ -13,7 +13,8 @@ void encoder_init(void) {
   TIM5->CCMR1 = TIM_CCMR1_CC1S_TI1 | TIM_CCMR1_IC1F_8 | TIM_CCMR1_CC2S_TI2 | TIM_CCMR1_IC2F_8;
   TIM5->CCMR2 = TIM_CCMR2_CC3S_TRC;
   TIM5->CCER = TIM_CCER_CC3E;
-  TIM5->SMCR = TRIGGER_OF_TICK; /* this field may not be changed while the slave mode is on */
+  /* the trigger field of SMCR may not be changed while the slave mode is on */
+  TIM5->SMCR = TRIGGER_OF_TICK;
   TIM5->SMCR = TRIGGER_OF_TICK | TIM_SMCR_SMS_ENCODER;
   TIM5->CNT = 0;
   TIM5->CR1 = TIM_CR1_CEN;
@@ -21,6 +22,6 @@ void encoder_init(void) {
 
 bool encoder_read(int32_t *count) {
   const bool is_captured = (TIM5->SR & TIM_SR_CC3IF) != 0;
-  *count = (int32_t)TIM5->CCR3; /* this read clears the capture flag */
+  *count = (int32_t)TIM5->CCR3; /* reading the register CCR3 clears the capture flag */
   return is_captured;
 }

@@ -16,7 +16,8 @@ typedef struct {
 static kept_t kept __attribute__((section(".noinit.core_fault")));
 
 #define KEPT_MAGIC UINT32_C(0x4B434F46)
-/* Value of the field `magic` after board_restart(). */
+/* Value of the field `magic` that board_restart() sets, so that the next start does not report the
+ * reset. */
 #define RESTART_MAGIC UINT32_C(0x4B525453)
 
 enum { FRAME_WORDS = 8, FRAME_LR = 5, FRAME_PC = 6 };

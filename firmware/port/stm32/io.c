@@ -6,7 +6,7 @@
 
 static bool clock_is_right;
 static uint16_t found;   /* errors that were found at power-up, as AXIS_BOARD_STATE_ bits */
-static int16_t dac_code; /* DAC code that is output now */
+static int16_t dac_code; /* DAC code that the board outputs now */
 static bool is_captured; /* true: the encoder count of this tick was captured */
 
 void io_init(void) {
@@ -37,8 +37,8 @@ void io_start(void) {
   if (!spi_force_start(params)) {
     found |= AXIS_BOARD_STATE_CONVERTER;
   }
-  /* the result of this conversion is not used, because the first conversion after a pause may be
-   * wrong */
+  /* The result of this conversion is not used, because the first conversion after a pause may be
+   * wrong. */
   adc_start_one(false);
 }
 

@@ -95,7 +95,7 @@ static void index_init(void) {
  * no effect. The mask of the external interrupts is not used for this, because it belongs to
  * several lines and is written only at power-up. */
 void index_interrupt(void) {
-  LINES_PENDING = LINE_OF_INDEX; /* a write of 1 clears the pending bit */
+  LINES_PENDING = LINE_OF_INDEX; /* writing 1 to a bit of this register clears the pending edge */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
     pulses++;
   }

@@ -57,8 +57,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & SERIAL_SENT) != 0) {
-    /* This interrupt may have interrupted the main loop, which may have added bytes to the ring
-     * buffer. */
+    /* The main loop may have added bytes to the ring buffer just before this interrupt. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {

@@ -10,11 +10,11 @@ enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };
 
 static volatile uint32_t entries;
 static int32_t us_q16;
-/* `longest`: duration of the longest tick; `latest`: greatest delay of a tick; both in counts of
- * clock_count() */
+/* duration of the longest tick, in counts of clock_count(); `latest`: greatest delay of the begin
+ * of a tick, in the same unit */
 static uint32_t longest;
 static uint32_t latest;
-/* count of clock_count() at which the present tick was due, or a slightly smaller count */
+/* count of clock_count() at which the present tick was due; it may be slightly too small */
 static uint32_t due;
 static uint32_t missed;
 static bool is_late;

@@ -11,8 +11,8 @@ enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
  * during the wait. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
-/* COUNTS_MIN: number of counts after the begin of a tick in which the conversions of this tick
- * cannot end yet. They take 320 counts. */
+/* COUNTS_MIN: while fewer than this number of counts have passed since the begin of a tick, the
+ * conversions of this tick cannot have ended. They take 320 counts. */
 enum { COUNTS_MIN = 250, STABLE_COUNTS = 3 * (CLOCK_APB1_HZ / 500000) };
 
 /* Setting of the ADC with which the timer of the tick starts the two conversions of the injected
@@ -32,7 +32,7 @@ void adc_init(void) {
   /* The internal reference needs a sampling time of 10 us; 480 cycles are 23 us. */
   ADC1->SMPR1 = ADC_SMPR1_SMP17_480;
   ADC1->SMPR2 = ADC_SMPR2_SMP4_480 | ADC_SMPR2_SMP6_28 | ADC_SMPR2_SMP7_28;
-  ADC1->SQR1 = 0; /* the regular group has one conversion */
+  ADC1->SQR1 = 0; /* The regular group consists of one conversion. */
   /* If the injected group has two conversions, they use the last two of the four entries in
    * JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;
@@ -82,7 +82,8 @@ void adc_start_one(bool of_reference) {
   ADC1->CR2 = ON | ADC_CR2_SWSTART;
 }
 
-/* Reads the result of adc_start_one(). Returns false if the conversion has not finished. */
+/* Reads the result of the conversion that adc_start_one() has started. Returns false if the
+ * conversion has not finished. */
 bool adc_read_one(uint16_t *code) {
   const bool done = (ADC1->SR & ADC_SR_EOC) != 0;
   *code = (uint16_t)ADC1->DR;

@@ -161,6 +161,6 @@ bool can_controller_send(can_line_t *line, const can_frame_t *frame) {
 }
 
 void can_controller_note_sent(can_line_t *line) {
-  /* a write of 1 clears each of these bits */
+  /* writing 1 to one of these bits of TSR clears it */
   line->registers->TSR = CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2;
 }

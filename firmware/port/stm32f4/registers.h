@@ -168,7 +168,7 @@ typedef struct {
 #define FLASH_SR_PGAERR BIT(5)
 #define FLASH_SR_PGPERR BIT(6)
 #define FLASH_SR_PGSERR BIT(7)
-#define FLASH_SR_RDERR BIT(8) /* the STM32F405 does not have this bit */
+#define FLASH_SR_RDERR BIT(8) /* The STM32F405 does not have the bit RDERR. */
 #define FLASH_SR_BSY BIT(16)
 #define FLASH_CR_PG BIT(0)
 #define FLASH_CR_SER BIT(1)
@@ -184,10 +184,10 @@ typedef struct {
 /* Level of the brown-out reset. The value 0 is level 3, at least 2.7 V. The value 3 is off, and is
  * the value in a new chip. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
-/* This bit is 0 if sector 0 is protected from programming and erasing. */
+/* The bit nWRP_0 is 0 if sector 0 is protected from programming and erasing. */
 #define FLASH_OPTCR_nWRP_0 BIT(16)
-/* This bit is 1 if the bits nWRP select protection from reading as data. The STM32F405 does not
- * have this bit. */
+/* If the bit SPRMOD is 1, the bits nWRP select protection from reading as data. The STM32F405 does
+ * not have the bit SPRMOD. */
 #define FLASH_OPTCR_SPRMOD BIT(31)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
@@ -285,11 +285,12 @@ typedef struct {
 #define TIM5 ((tim_t *)TIM5_BASE)
 
 #define TIM_CR1_CEN BIT(0)
-/* With this value the trigger output of the timer is its update event, which is the overflow of the
- * counter. */
+/* MMS = 2: the trigger output of the timer is its update event, which is the overflow
+ * of the counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
-/* With this value timer 5 uses its internal trigger 2, which is the trigger output of timer 4. */
+/* TS = 2: timer 5 uses its internal trigger 2, which is the trigger output of timer
+ * 4. */
 #define TIM_SMCR_TS_ITR2 FIELD(4, 3, 2)
 #define TIM_DIER_UIE BIT(0)
 #define TIM_SR_UIF BIT(0)
@@ -298,7 +299,7 @@ typedef struct {
 #define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
-/* With this value channel 3 captures the count at the selected internal trigger. */
+/* CC3S = 3: channel 3 captures the count at the selected internal trigger. */
 #define TIM_CCMR2_CC3S_TRC FIELD(0, 2, 3)
 #define TIM_CCER_CC3E BIT(8)
 
@@ -336,7 +337,7 @@ typedef struct {
 #define ADC_CR1_SCAN BIT(8)
 #define ADC_CR1_RES_12 FIELD(24, 2, 0)
 #define ADC_CR2_ADON BIT(0)
-/* With this value the trigger output of timer 4 starts the injected group. */
+/* JEXTSEL = 9: the trigger output of timer 4 starts the injected group. */
 #define ADC_CR2_JEXTSEL_TIM4_TRGO FIELD(16, 4, 9)
 #define ADC_CR2_JEXTEN_RISING FIELD(20, 2, 1)
 #define ADC_CR2_SWSTART BIT(30)

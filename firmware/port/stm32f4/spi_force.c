@@ -30,10 +30,11 @@ enum { TRANSFER_US = 100, CONVERSION_US = 2000, AGE_MAX = 255 };
 static uint8_t kind; /* value of the object force_converter; 0: no converter */
 static uint8_t sent[CONVERTER_BYTES];
 static uint8_t received[CONVERTER_BYTES];
-static converter_t converter;     /* only the interrupt writes this variable */
+/* state of the converter; only the interrupt writes this variable */
+static converter_t converter;
 static volatile uint8_t readings; /* number of readings without an error, modulo 256 */
 static volatile uint8_t errors;   /* number of readings with an error, modulo 256 */
-static uint8_t seen;              /* value of `readings` in the last tick */
+static uint8_t seen;              /* value of the counter `readings` in the last tick */
 static uint8_t errors_seen;
 static uint8_t age = AGE_MAX;
 
@@ -160,7 +161,7 @@ bool spi_force_start(const device_params_t *params) {
  * remain for a short time and cause the interrupt again. If no reading is ready, such an interrupt
  * is ignored. */
 void spi_force_ready_interrupt(void) {
-  EXTI->PR = EXTI_PR_PR12; /* a write of 1 clears the pending bit */
+  EXTI->PR = EXTI_PR_PR12; /* writing 1 to a bit of this register clears the pending edge */
   if (is_ready()) {
     NVIC->ICER1 = BIT(IRQ_EXTI15_10 - 32);
     begin_transfer(converter_bytes(kind), DMA_S3CR_TCIE);

@@ -11,8 +11,8 @@ enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
  * the bus, so few instructions are executed during the wait. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
-/* Number of counts after the begin of a tick in which the conversions of this tick cannot end yet.
- * They take 240 counts. */
+/* While fewer than this number of counts have passed since the begin of a tick, the conversions of
+ * this tick cannot have ended. They take 240 counts. */
 enum { COUNTS_MIN = 190 };
 
 /* REGULATOR_COUNTS: the voltage regulator of an ADC needs 20 us. POLLS_MAX: a calibration takes 116
@@ -21,7 +21,7 @@ enum { COUNTS_MIN = 190 };
 enum { REGULATOR_COUNTS = 20 * (CLOCK_APB1_HZ / 500000), POLLS_MAX = 4000 };
 
 static uint32_t begun;
-static const adc_t *single; /* ADC that makes the one conversion that adc_start_one() has started */
+static const adc_t *single; /* ADC that makes the conversion that adc_start_one() has started */
 
 static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
@@ -43,14 +43,14 @@ static void await_counts(uint32_t counts) {
  * the ADC does not respond in time, its conversions never end, so the sensors are reported as not
  * valid. */
 static void converter_start(adc_t *adc) {
-  adc->CR = 0; /* ends the state deep power-down */
+  adc->CR = 0; /* The ADC leaves the state deep power-down. */
   adc->CR = ADC_CR_ADVREGEN;
   await_counts(REGULATOR_COUNTS);
   adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADCAL;
   if (!becomes(&adc->CR, ADC_CR_ADCAL, 0)) {
     return;
   }
-  /* the ADC needs a wait of at least four cycles of its clock here */
+  /* Before the next step the ADC needs a wait of at least four cycles of its clock. */
   await_counts(REGULATOR_COUNTS);
   adc->ISR = ADC_ISR_ADRDY;
   adc->CR = ADC_CR_ADVREGEN | ADC_CR_ADEN;
@@ -75,7 +75,7 @@ void adc_init(void) {
   if ((ADC1->CR & ADC2->CR & ADC_CR_ADEN) == 0) {
     return;
   }
-  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* each regular group has one conversion */
+  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* The regular group of each ADC consists of one conversion. */
   ADC2->SQR1 = ADC_SQR1_SQ1_17;
   ADC2->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JEXTSEL_TIM4_TRGO | ADC_JSQR_JEXTEN_RISING |
                ADC_JSQR_JSQ1_3 | ADC_JSQR_JSQ2_4;
@@ -132,7 +132,8 @@ void adc_start_one(bool of_reference) {
   single = of_reference ? ADC1 : ADC2;
 }
 
-/* Reads the result of adc_start_one(). Returns false if the conversion has not finished. */
+/* Reads the result of the conversion that adc_start_one() has started. Returns false if the
+ * conversion has not finished. */
 bool adc_read_one(uint16_t *code) {
   const bool done = (single->ISR & ADC_ISR_EOC) != 0;
   *code = (uint16_t)single->DR;

@@ -44,7 +44,7 @@ static volatile uint8_t reading;
 uint16_t flash_corrected(void) {
   static uint16_t count;
   if ((FLASH->ECCR & FLASH_ECCR_ECCC) != 0) {
-    FLASH->ECCR = FLASH_ECCR_ECCC; /* a write of 1 clears this flag */
+    FLASH->ECCR = FLASH_ECCR_ECCC; /* writing 1 to the flag ECCC clears it */
     count = (uint16_t)((count < UINT16_MAX) ? count + 1 : UINT16_MAX);
   }
   return count;
@@ -71,7 +71,7 @@ __attribute__((naked)) void flash_nmi(void) {
       "movw r0, #0x2018\n" /* low half of the address of FLASH_ECCR */
       "movt r0, #0x4002\n"
       "ldr r0, [r0]\n"
-      "cmp r0, #0\n" /* negative: bit 31, FLASH_ECCR_ECCD, is 1 */
+      "cmp r0, #0\n" /* negative if bit 31 is 1, which is the flag FLASH_ECCR_ECCD */
       "blt note_damage\n"
       "b board_fail\n");
 }
@@ -116,7 +116,7 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   reading = ASKED;
   BARRIER();
   const uint32_t word = *place;
-  /* if the read has found an error, the NMI occurs before the next instruction */
+  /* If the read has found an error, the NMI occurs before the next instruction. */
   __asm volatile("dsb\nisb" ::: "memory");
   const bool is_damaged = reading == DAMAGED;
   reading = IDLE;
@@ -128,7 +128,7 @@ static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;
-  (void)flash_corrected(); /* clears the error flag that another read may have left */
+  (void)flash_corrected(); /* Clears the error flag that an earlier read may have left. */
   /* Most reads are complete words at aligned addresses, so whole words are read as far as
    * possible. */
   for (; count >= 4 && (address & 3u) == 0; address += 4, bytes += 4, count -= 4) {

@@ -116,11 +116,11 @@ typedef struct {
 #define PWR_CR2_PVDE BIT(0)
 #define PWR_CR2_PLS MASK(1, 3)
 #define PWR_CR2_PLS_6 FIELD(1, 3, 6)
-/* This bit disconnects the pull-down resistors of USB Type-C from pins PB4 and PB6. */
+/* The bit UCPD1_DBDIS disconnects the pull-down resistors of USB Type-C from pins PB4 and PB6. */
 #define PWR_CR3_UCPD1_DBDIS BIT(14)
 #define PWR_SR2_VOSF BIT(10)
 #define PWR_SR2_PVDO BIT(11)
-/* If this bit is 0, range 1 boost is selected, which is required above 150 MHz. */
+/* If the bit R1MODE is 0, the voltage range is range 1 boost, which is required above 150 MHz. */
 #define PWR_CR5_R1MODE BIT(8)
 
 /* Registers of the real-time clock, which is used as the second clock. */
@@ -199,7 +199,7 @@ typedef struct {
 #define FLASH_CR_PG BIT(0)
 #define FLASH_CR_PER BIT(1)
 #define FLASH_CR_PNB(page) FIELD(3, 7, page)
-/* If this bit is 1, the page is in bank 2. */
+/* If the bit BKER is 1, the page to be erased is in bank 2. */
 #define FLASH_CR_BKER BIT(11)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
@@ -221,7 +221,7 @@ typedef struct {
 #define FLASH_OPTR_BOR_LEV_4 FIELD(8, 3, 4)
 #define FLASH_OPTR_BFB2 BIT(20)
 #define FLASH_OPTR_DBANK BIT(22)
-/* If this bit is 1, SRAM1 has no parity. */
+/* If the bit SRAM_PE is 1, SRAM1 has no parity. */
 #define FLASH_OPTR_SRAM_PE BIT(24)
 #define FLASH_OPTR_nSWBOOT0 BIT(26)
 #define FLASH_OPTR_nBOOT0 BIT(27)
@@ -314,11 +314,12 @@ typedef struct {
 #define TIM5 ((tim_t *)TIM5_BASE)
 
 #define TIM_CR1_CEN BIT(0)
-/* With this value the trigger output of the timer is its update event, which is the overflow of the
- * counter. */
+/* MMS = 2: the trigger output of the timer is its update event, which is the overflow
+ * of the counter. */
 #define TIM_CR2_MMS_UPDATE FIELD(4, 3, 2)
 #define TIM_SMCR_SMS_ENCODER FIELD(0, 3, 3)
-/* With this value timer 5 uses its internal trigger 3, which is the trigger output of timer 4. */
+/* TS = 3: timer 5 uses its internal trigger 3, which is the trigger output of timer
+ * 4. */
 #define TIM_SMCR_TS_ITR3 FIELD(4, 3, 3)
 #define TIM_DIER_UIE BIT(0)
 #define TIM_SR_UIF BIT(0)
@@ -327,7 +328,7 @@ typedef struct {
 #define TIM_CCMR1_IC1F_8 FIELD(4, 4, 3)
 #define TIM_CCMR1_CC2S_TI2 FIELD(8, 2, 1)
 #define TIM_CCMR1_IC2F_8 FIELD(12, 4, 3)
-/* With this value channel 3 captures the count at the selected internal trigger. */
+/* CC3S = 3: channel 3 captures the count at the selected internal trigger. */
 #define TIM_CCMR2_CC3S_TRC FIELD(0, 2, 3)
 #define TIM_CCER_CC3E BIT(8)
 
@@ -375,7 +376,7 @@ typedef struct {
 #define ADC_CR_JADSTART BIT(3)
 #define ADC_CR_ADVREGEN BIT(28)
 #define ADC_CR_ADCAL BIT(31)
-/* If this bit is 1, there is no queue of injected groups. */
+/* If the bit JQDIS is 1, there is no queue of injected groups. */
 #define ADC_CFGR_JQDIS BIT(31)
 #define ADC_SMPR1_SMP3_47 FIELD(9, 3, 4)
 #define ADC_SMPR1_SMP4_47 FIELD(12, 3, 4)
@@ -384,12 +385,12 @@ typedef struct {
 #define ADC_SQR1_SQ1_17 FIELD(6, 5, 17)
 #define ADC_SQR1_SQ1_18 FIELD(6, 5, 18)
 #define ADC_JSQR_JL_2 FIELD(0, 2, 1)
-/* With this value the trigger output of timer 4 starts the injected group. */
+/* JEXTSEL = 5: the trigger output of timer 4 starts the injected group. */
 #define ADC_JSQR_JEXTSEL_TIM4_TRGO FIELD(2, 5, 5)
 #define ADC_JSQR_JEXTEN_RISING FIELD(7, 2, 1)
 #define ADC_JSQR_JSQ1_3 FIELD(9, 5, 3)
 #define ADC_JSQR_JSQ2_4 FIELD(15, 5, 4)
-/* With this value the clock of the ADCs is the clock of the bus divided by 4. */
+/* CKMODE = 3: the clock of the ADCs is the clock of the bus divided by 4. */
 #define ADC_CCR_CKMODE_HCLK_4 FIELD(16, 2, 3)
 #define ADC_CCR_VREFEN BIT(22)
 
@@ -409,9 +410,9 @@ typedef struct {
 
 #define DAC_CR_EN1 BIT(0)
 #define DAC_DOR1_DACC1DOR MASK(0, 12)
-/* With this value the output buffer of the DAC drives the pin. */
+/* MODE1 = 0: the output buffer of the DAC drives the pin. */
 #define DAC_MCR_MODE1_BUFFER FIELD(0, 3, 0)
-/* This value is required if the clock of the bus is above 160 MHz. */
+/* HFSEL = 2: required if the clock of the bus is above 160 MHz. */
 #define DAC_MCR_HFSEL_160 FIELD(14, 2, 2)
 
 /* Registers of the CAN controllers, and their memories for frames. */
@@ -465,7 +466,7 @@ typedef struct {
 #define FDCAN_IR_TC BIT(7)
 #define FDCAN_IE_RF0NE BIT(0)
 #define FDCAN_IE_TCE BIT(7)
-/* If this bit is 1, the interrupts of sent frames (TC and TCF) use interrupt line 1. */
+/* If the bit SMSG is 1, the interrupts of sent frames (TC and TCF) use interrupt line 1. */
 #define FDCAN_ILS_SMSG BIT(2)
 #define FDCAN_ILE_EINT0 BIT(0)
 #define FDCAN_ILE_EINT1 BIT(1)

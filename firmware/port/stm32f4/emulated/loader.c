@@ -15,6 +15,6 @@ bool loader_program(uint32_t address, uint32_t word) {
   return file >= 0;
 }
 
-void loader_watch(void) {} /* the emulated chip has no watchdog */
+void loader_watch(void) {} /* Does nothing, because the emulated chip has no watchdog. */
 
-void loader_make_safe(void) {} /* the emulated chip has no pins */
+void loader_make_safe(void) {} /* Does nothing, because the emulated chip has no pins. */

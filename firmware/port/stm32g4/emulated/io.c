@@ -35,7 +35,8 @@ bool port_can_receive(can_frame_t *frame) {
   return false;
 }
 
-/* Discards the frame, because a bus without other nodes would not keep it for ever either. */
+/* Discards the frame. On a bus without other nodes, a frame that nobody acknowledges would also be
+ * discarded after some time. */
 bool port_can_transmit(const can_frame_t *frame) {
   (void)frame;
   return true;
