@@ -51,7 +51,7 @@ typedef struct {
   const char *board;
   /* function that restarts the chip through its loader; it does not return */
   void (*restart)(void);
-  uint8_t running; /* number of the slot with the running image, which has a trailer */
+  uint8_t running; /* number of the slot that contains the running image; the image has a trailer */
 } fw_slots_t;
 
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
@@ -138,7 +138,7 @@ typedef struct {
   results_counts_t stored;
   /* tick in which the parameter store was last asked to write the counts of pressed parts */
   uint32_t given_tick;
-  /* value of cycle_count for the last cycle to which a serial number was assigned */
+  /* number (cycle_count) of the last cycle to which a serial number was assigned */
   uint32_t starts;
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
   /* 1 if the counts of pressed parts differ from those in the parameter store */
@@ -168,7 +168,7 @@ typedef struct {
   fw_config_t config;
   uint32_t source_silence; /* number of ticks since the last write of the owner of the axis */
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
-  uint32_t curve_cycle;    /* value of cycle_count for the cycle to which the curve belongs */
+  uint32_t curve_cycle;    /* number (cycle_count) of the cycle to which the curve belongs */
   uint32_t parts_tick;     /* tick in which the last piece of a cycle program was received
                             * (programs.h) */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */

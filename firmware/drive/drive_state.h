@@ -66,9 +66,8 @@ typedef struct {
   uint8_t scaled; /* 0 if the user unit is the encoder count, so that no conversion is needed */
 } cia402_units_t;
 
-/* Bounds of the demanded force. A bound is the smaller one of force_limit and the force limit for
- * its direction. If the force law has no certificate, its smaller permitted force also bounds the
- * demanded force. */
+/* Bounds of the demanded force. Each bound is the smaller one of force_limit and the limit for the
+ * direction of the force. A force law without a certificate has an additional, smaller bound. */
 typedef struct {
   int32_t least; /* lower bound of the demanded force in per mille of the rated force, -32767..0 */
   int32_t most;  /* upper bound of the demanded force in per mille of the rated force, 0..32767 */
@@ -79,8 +78,8 @@ typedef struct {
   int32_t law_q8;
 } cia402_force_bounds_t;
 
-/* Values that the user has given to the parameters that the drive overrides during a tick. The
- * drive restores these values after the tick. */
+/* Copy of the parameters that the drive overrides during a tick, with the values that the user has
+ * written. After the tick the drive restores the parameters from this copy. */
 typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
@@ -88,7 +87,7 @@ typedef struct {
   uint16_t output_limit;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
-  uint8_t active; /* 1 while the drive overrides these parameters of the axis */
+  uint8_t active; /* 1 while the drive overrides the parameters whose values are saved here */
 } cia402_overridden_t;
 
 typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of operation (modes.h) */
@@ -169,7 +168,8 @@ typedef struct {
   uint8_t cycle_refusal;
   /* CRC of the selected filter bank of the force law; 0: no bank is selected */
   uint32_t law_crc;
-  uint32_t cycle_bank_crc; /* value of cycle_mode_bank() at the start of the cycle */
+  /* CRC of the active filter bank at the start of the cycle, from cycle_mode_bank() */
+  uint32_t cycle_bank_crc;
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
   uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
@@ -204,8 +204,8 @@ typedef struct {
   /* 1 if neither a watchdog nor a heartbeat would detect the loss of the owner that enabled the
    * axis */
   uint8_t unsupervised;
-  /* position_written, velocity_written, force_written: 1 if the target was written for its present
-   * use */
+  /* position_written, velocity_written, force_written: 1 if the target was written since it was
+   * last discarded. Otherwise the target does not act */
   uint8_t position_written;
   uint8_t velocity_written;
   uint8_t force_written;

@@ -88,9 +88,9 @@ static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* Limits the DAC code from the contact loss until the end of contact_loss_dwell. The code is at
- * most contact_loss_cap towards the lost workpiece, and also in the direction of the present force
- * set-point. */
+/* Limits the DAC code from the contact loss until the end of contact_loss_dwell. contact_loss_cap
+ * limits the code in the direction of the lost workpiece, and also in the direction of the present
+ * force set-point. */
 static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   const int16_t cap = (int16_t)drive->params.contact_loss_cap;
   axis->bounded = AXIS_BOUNDED_TICKS;

@@ -18,8 +18,8 @@ static uint16_t bits_of(bool bit_12, uint16_t mask_12, bool bit_13, uint16_t mas
   return (uint16_t)((bit_12 ? mask_12 : 0) | (bit_13 ? mask_13 : 0));
 }
 
-/* These functions return bits 12 and 13 of the statusword, each one for one group of modes of
- * operation. */
+/* Each of the following functions returns bits 12 and 13 of the statusword for one group of modes
+ * of operation. */
 static uint16_t setpoint_bits(const cia402_t *drive) {
   return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
                  AXIS_STATUSWORD_ACKNOWLEDGED, drive->outside_tick != 0,

@@ -34,7 +34,8 @@ struct cia402_mode {
   /* 1 if the mode uses target_position. This target is then discarded when the mode ends */
   uint8_t uses_position;
   uint8_t shaped; /* 1 if input shaping acts on the trajectory that `lead` moves */
-  uint8_t window; /* object with the time at the target, CIA402_WINDOW_ */
+  /* object that contains the time for which the axis must stay at its target, CIA402_WINDOW_ */
+  uint8_t window;
   bool (*reached)(const cia402_t *drive,
                   /* function that returns true if the target is reached; NULL if the drive never
                    * reports that the target is reached */

@@ -39,7 +39,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/generated/axis_objects_drive.h"
 
-/* Conditions of which the firmware checks one in the present time window. */
+/* Conditions that are monitored over a time window. In each time window the firmware monitors one
+ * of them. */
 enum { SENSOR_WINDOW_NONE, SENSOR_WINDOW_STUCK, SENSOR_WINDOW_DISCONNECTED };
 
 typedef struct {
