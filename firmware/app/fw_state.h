@@ -95,8 +95,8 @@ typedef struct {
   const char *software;
   /* set of the CAN bit rates that the board supports (lss.h); 0 permits all bit rates */
   uint16_t bit_rates;
-  /* largest value of dac_bits, 12 to 16, that the DAC of the board can output; 0 permits 16. A
-   * drive on a bus has no such limit */
+  /* largest value of dac_bits, 12 to 16, that the DAC of the board can output; 0 permits 16. This
+   * limit does not apply to a drive on a bus */
   uint8_t dac_bits;
   /* registers of the processor core at the fault of the core that has caused the last reset; NULL:
    * no fault of the core has caused it */

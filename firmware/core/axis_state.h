@@ -60,8 +60,9 @@ typedef struct {
   /* 1 if the amplifier is on; 0: the amplifier is off, and the axis coasts */
   uint8_t amp_enable;
   uint8_t brake_release; /* 1 releases the brake; it is 1 only while the amplifier is on */
-  /* The same output in 1/16 DAC code, -32768..32752, for a board whose DAC has more than 12 bits.
-   * It is a multiple of 2^(16 - dac_bits). dac_code is floor(dac_fine / 16 + 1/2). */
+  /* The output with a finer resolution than dac_code, in 1/16 DAC code, -32768..32752, for a board
+   * whose DAC has more than 12 bits. It is a multiple of 2^(16 - dac_bits). dac_code is
+   * floor(dac_fine / 16 + 1/2). */
   int16_t dac_fine;
   /* Digital outputs 1 to 4 as bits 0 to 3, which fw_control() sets. A bit is 1 if the cycle program
    * has switched this output on before this tick. */

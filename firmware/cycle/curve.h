@@ -45,7 +45,7 @@ typedef struct {
   /* a sample becomes a point when its travel differs by this number of encoder counts from the last
    * point; 0: the travel is not compared */
   uint32_t travel;
-  /* a sample becomes a point when its force differs by this number of 1/256 counts from the last
+  /* a sample becomes a point when its force differs by this value, in 1/256 count, from the last
    * point; 0: the force is not compared */
   uint32_t force;
   /* a sample becomes a point when this number of ticks has passed since the last point; 0: the

@@ -72,8 +72,9 @@ typedef struct {
   uint32_t phase_ticks;          /* number of ticks since the phase began */
   uint32_t begin_tick;           /* tick in which the cycle started */
   uint32_t last_tick;            /* tick in which the last sample was taken */
-  uint32_t invalid_ticks;        /* number of ticks in evaluated phases whose sample is not valid */
-  int32_t start_cnt;             /* position at the start of the present phase */
+  /* number of ticks without a valid sample, in phases whose samples affect the verdict */
+  uint32_t invalid_ticks;
+  int32_t start_cnt; /* position at the start of the present phase */
   /* position of travel 0, the origin of the travel; until it is found, the position at the start
    * of the cycle */
   int32_t zero_cnt;
@@ -111,7 +112,9 @@ typedef struct {
   uint16_t taken[CYCLE_PHASES_MAX][CYCLE_CONDITIONS];
   cycle_element_state_t elements[CYCLE_ELEMENTS_MAX];
   cycle_sample_t samples[CYCLE_SAMPLES];
-  uint16_t judged; /* set of the evaluated phases; cycle_select() computes this set */
+  /* set, as bits, of the phases whose samples affect the verdict; cycle_select() computes this
+   * set */
+  uint16_t judged;
   /* number of samples that were stored in this cycle, modulo 256; `evaluated`: number of samples
    * that were evaluated, modulo 256 */
   uint8_t written;

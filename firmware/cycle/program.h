@@ -25,7 +25,7 @@ enum {
   CYCLE_ELEMENTS_MAX = 16,
   CYCLE_COMPLIANCE_MAX = 16,
   CYCLE_VERSION = 2,
-  /* This value instead of the number of the next phase means that the cycle ends. */
+  /* CYCLE_END instead of the number of the next phase means that the cycle ends. */
   CYCLE_END = 255
 };
 #define CYCLE_MAGIC UINT32_C(0x59435846) /* "FXCY" */
@@ -144,13 +144,13 @@ typedef struct {
    * of ticks */
   int32_t target;
   uint32_t speed; /* actions that move the axis: speed in user units per second, above 0 */
-  /* Limits of the phase, each > 0: magnitude of the measured force, travel since the phase began,
-   * duration of the phase. */
+  /* Limits of the phase, each above 0: magnitude of the measured force, travel since the phase
+   * began, duration of the phase. */
   uint32_t force_max_q8;
   uint32_t travel_max;
   uint32_t time_max;
-  /* Travel of one section for STIFFNESS_ABOVE and BELOW, in encoder counts. It is > 0 if the phase
-   * has such a condition, and 0 otherwise. */
+  /* Travel, in encoder counts, over which STIFFNESS_ABOVE and STIFFNESS_BELOW measure the
+   * stiffness. It is above 0 if the phase has one of these conditions, and 0 otherwise. */
   uint16_t stiffness_travel;
   /* action FOLLOW: index of the first point of the table of this phase, among all points of the
    * program */

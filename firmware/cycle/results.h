@@ -16,14 +16,15 @@ enum { CYCLE_PART_GOOD = 0, CYCLE_PART_BAD = 1, CYCLE_PART_ABORTED = 2, CYCLE_PA
 
 /* Result of a pressed part. */
 typedef struct {
-  uint32_t number;   /* number of the part, > 0; 0: there is no result */
+  uint32_t number;   /* number of the pressed part, from 1 on; 0: there is no result */
   uint32_t power_up; /* number of the power-up in which the part was pressed */
   uint32_t program_crc;
   uint32_t bank_crc;   /* CRC of the filter bank of the force law; 0: no bank was used */
   uint32_t begin_tick; /* tick in which the cycle started */
   uint32_t ticks;      /* duration of the cycle in ticks */
-  uint32_t invalid;    /* number of ticks in evaluated phases whose sample is not valid
-                        * (sample.h) */
+  /* number of ticks without a valid sample (sample.h), in phases whose samples affect the
+   * verdict */
+  uint32_t invalid;
   uint32_t serial[CYCLE_SERIAL_WORDS];
   int32_t values[CYCLE_ELEMENTS_MAX];       /* values of the evaluation elements, in the units of
                                              * program.h */
@@ -48,19 +49,20 @@ typedef struct {
  * result waits. */
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes);
 
-/* Returns true if there is memory for results, and it has no free place. */
+/* Returns true if the memory for results exists but is full. */
 static inline bool cycle_results_are_full(const cycle_results_t *results) {
   return results->room != 0 && results->waiting == results->room;
 }
 
-/* Copies a result into a free place. If there is no free place, does nothing. */
+/* Copies a result into a free entry of the memory. If there is no free entry, does nothing. */
 void cycle_results_add(cycle_results_t *results, const cycle_part_t *part);
 
-/* Returns the waiting result of the part with the number `number` (> 0), or NULL. */
+/* Returns the waiting result of the part with the number `number`, from 1 on, or NULL if no result
+ * of this part waits. */
 const cycle_part_t *cycle_results_find(const cycle_results_t *results, uint32_t number);
 
-/* Frees the place of the result of the part with this number. Returns false if no such result
- * waits. */
+/* Frees the memory that contains the result of the part with the number `number`. Returns false if
+ * no result of this part waits. */
 bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 
 /* Returns the smallest number of a part whose result waits, or 0 if no result waits. */

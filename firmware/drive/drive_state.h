@@ -32,8 +32,8 @@ enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTU
  * speed times 5 s. If the axis does not follow the ramp, the axis is switched off in motion. */
 enum { CIA402_STOPPING_TICKS = 15000 };
 
-/* The field `slowing` has this value in a tick in which a ramp to standstill is active. In the next
- * tick `slowing` is 1. */
+/* The field `slowing` has the value CIA402_SLOWING in a tick in which a ramp to standstill is
+ * active. In the next tick it is 1. */
 enum { CIA402_SLOWING = 2 };
 
 /* Number of ticks over which velocity_actual is averaged. */

@@ -15,8 +15,9 @@
  * mille of rated_force. */
 enum { CIA402_HOLDS_NONE, CIA402_HOLDS_SETPOINT, CIA402_HOLDS_TARGET };
 
-/* Object with the time for which the axis must stay at its target before the drive reports `target
- * reached`. NONE: no object. POSITION: position_window_time. VELOCITY: velocity_window_time. */
+/* Object that contains the time for which the axis must stay at its target before the drive reports
+ * `target reached`. NONE: no object. POSITION: position_window_time. VELOCITY:
+ * velocity_window_time. */
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
 struct cia402_mode {

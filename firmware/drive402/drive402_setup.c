@@ -12,9 +12,9 @@
 enum { RPDO = 0x200, TPDO = 0x180, SDO_REQUEST = 0x600, SYNC = 0x80 };
 enum { COUNTER = 0x1019, ERROR_CODE = 0x603F, MODE_DISPLAY = 0x6061 };
 
-/* If two answers have been received to each of this number of downloads, two nodes have the same
- * id. A single download with two answers is permitted, because a disturbed bus may have doubled a
- * frame. */
+/* If this number of downloads have received two answers each, the master concludes that two nodes
+ * have the same id. A single download with two answers is permitted, because a disturbed bus may
+ * have doubled a frame. */
 enum { DOUBLED_MAX = 2 };
 
 /* Time in ticks between two reads of the objects MODE_DISPLAY or ERROR_CODE: 10 ms. */
@@ -114,8 +114,9 @@ static bool lacks(const drive402_t *master, uint16_t bit) {
   return (master->config->without & bit) != 0;
 }
 
-/* Returns true if the write of this value is only a step and the drive may refuse it: the 0 that
- * switches a PDO mapping off, or the 0 in 1006h that a write to 1019h needs. */
+/* Returns true if the drive may refuse the write of this value, because the write is only an
+ * intermediate step: the 0 that switches a PDO mapping off, or the 0 in 1006h that a write to 1019h
+ * needs. */
 static bool is_step(uint16_t index, uint32_t value) {
   return value == 0 && (index == 0x1006 || index == 0x1600 || index == 0x1A00);
 }

@@ -30,16 +30,17 @@ typedef struct {
   uint32_t scale_den;
   /* Largest magnitude of the target in units of the drive, 1..2147483642; in cst mode 1..32767. */
   int32_t target_max;
-  uint16_t heartbeat_ms; /* period of the heartbeats of both nodes (1017h), > 0 */
-  /* time of the heartbeat consumers of both nodes (1016h), > heartbeat_ms */
+  uint16_t heartbeat_ms; /* period in ms of the heartbeats of both nodes (1017h), above 0 */
+  /* time in ms of the heartbeat consumers of both nodes (1016h), above heartbeat_ms */
   uint16_t heartbeat_timeout_ms;
-  /* longest time until the answer to an SDO request, > 0; a request is sent at most twice */
+  /* longest time in ms until the answer to an SDO request, above 0; a request is sent at most
+   * twice */
   uint16_t sdo_timeout_ms;
-  /* longest time until the boot-up message, until the first TPDO, and until an enabled drive is on,
-   * including a reset of its fault; > 0 */
+  /* longest time in ms, above 0, until the boot-up message, until the first TPDO, and until an
+   * enabled drive is on, including a reset of its fault */
   uint16_t wait_ms;
-  /* longest time for which the master commands quick stop before it disables the voltage; the quick
-   * stop ends earlier if the drive reports switch on disabled or fault */
+  /* longest time in ms for which the master commands quick stop before it disables the voltage; the
+   * quick stop ends earlier if the drive reports switch on disabled or fault */
   uint16_t quick_stop_ms;
   int16_t abort_option; /* reaction of the drive to the loss of the master, for its object 6007h */
   /* Set of DRIVE402_WITHOUT_ bits for objects that are not written: the drive does not have them or

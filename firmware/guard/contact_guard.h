@@ -60,11 +60,12 @@ typedef struct {
   /* demanded force at the start of the present time slot of the force ripple */
   int32_t steady_demand;
   int32_t first_cnt; /* encoder count at the first contact */
-  /* encoder count and tick at the start of the approach. The travel and the time of later phases of
-   * a cycle without force control are added to both values, so that these phases do not count */
+  /* encoder count and tick at the start of the approach. The travel and the time of later cycle
+   * phases that do not control force are added to both values, so that these phases do not count */
   int32_t approach_cnt;
   uint32_t approach_tick;
-  /* encoder count and tick at which the present phase of a cycle without force control began */
+  /* encoder count and tick at the begin of the present phase of a cycle, if this phase does not
+   * control force */
   int32_t paused_cnt;
   uint32_t paused_tick;
   int32_t low; /* smallest measured force in the present time slot of the force ripple */

@@ -339,7 +339,7 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
   forget_travel(first);
-  /* bumpless transfer acts after the test, even if the next mode is open-loop mode */
+  /* After the test bumpless transfer acts, even if the next mode is open-loop mode. */
   axis->rebase = 1;
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }

@@ -80,7 +80,8 @@ enum {
   FIRST_MOTION_BACK = 4,
   FIRST_MOTION_WATCHING = 5,
   FIRST_MOTION_DONE = 6,
-  /* An attempt was stopped, and the disabled axis has not been at standstill since. */
+  /* An attempt of the test was stopped, and the disabled axis has not been at standstill since
+   * then. */
   FIRST_MOTION_COASTING = 7
 };
 

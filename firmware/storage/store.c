@@ -214,8 +214,8 @@ bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block
   return true;
 }
 
-/* Returns the size in bytes of the entries of one record of the present job. `item` is the number
- * of this record. */
+/* Returns the total size, in bytes, of the entries in the record with the number `item` of the
+ * present job. */
 static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
   if (is_part(item)) {
     return store->parts[item - ITEM_PARTS].count;

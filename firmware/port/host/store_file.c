@@ -133,7 +133,7 @@ static bool is_blank(int file, uint32_t count) {
   return blank;
 }
 
-/* Waits until the entry of a file in its folder is on the disk. */
+/* Waits until the directory entry of a file is on the disk. */
 static bool sync_folder(const char *path) {
   char folder[FOLDER_BYTES];
   const char *slash = strrchr(path, '/');
@@ -173,8 +173,8 @@ static const char *check_contents(store_file_t *store_file, const char *path,
   if ((is_new && !erase_range(file, 0, bytes)) || fsync(file) != 0) {
     return strerror(errno);
   }
-  /* The process that created an older file may have ended before its name was on the disk. A folder
-   * that may not be read is no reason to refuse such a file. */
+  /* The process that created an older file may have ended before its name was on the disk. A file
+   * is not refused if its folder may not be read. */
   return (sync_folder(path) || !is_new) ? NULL : strerror(errno);
 }
 

@@ -30,7 +30,7 @@ enum {
 typedef struct {
   /* folder of the device, for example /sys/bus/iio/devices/iio:device0; NULL: no converter */
   const char *device;
-  const char *buffer; /* character device of the same converter, for example /dev/iio:device0 */
+  const char *buffer; /* character device of the converter, for example /dev/iio:device0 */
   /* name of the force channel without in_ and without an ending, for example voltage0 */
   const char *channel;
   uint8_t shift; /* number of low bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */

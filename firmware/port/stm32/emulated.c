@@ -41,15 +41,15 @@ void watchdog_arm(void) {}
 
 uint8_t reset_cause(void) { return 0; }
 
-void supply_interrupt(void) {} /* this interrupt is never enabled */
+void supply_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
 void port_feed_watchdog(void) {}
 
-void can_interrupt(void) {} /* this interrupt is never enabled */
+void can_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
-void drive_bus_interrupt(void) {} /* this interrupt is never enabled */
+void drive_bus_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
-void drive_bus_sent_interrupt(void) {} /* this interrupt is never enabled */
+void drive_bus_sent_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
 uint8_t port_can_bus(void) { return CAN_BUS_ACTIVE; }
 

@@ -65,9 +65,9 @@ const store_memory_t *flash_slots(void) {
 
 enum { FRAME_BYTES = 12, POLLS_MAX = 500 };
 
-void spi_force_ready_interrupt(void) {} /* this interrupt is never enabled */
+void spi_force_ready_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
-void spi_force_read_interrupt(void) {} /* this interrupt is never enabled */
+void spi_force_read_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
 bool port_can_receive(can_frame_t *frame) {
   static uint8_t bytes[FRAME_BYTES];

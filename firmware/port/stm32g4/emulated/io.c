@@ -17,7 +17,7 @@ void flash_nmi(void) { board_fail(); }
 
 void serial_init(uint32_t clock_hz) { (void)clock_hz; }
 
-void serial_interrupt(void) {} /* this interrupt is never enabled */
+void serial_interrupt(void) {} /* Does nothing, because this interrupt is never enabled. */
 
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room) {
   (void)bytes;
