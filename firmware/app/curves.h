@@ -22,8 +22,8 @@ void curves_init(fw_t *fw);
  * cycle_mode_between(). */
 void curves_between(fw_t *fw, uint8_t first);
 
-/* curves_check() checks a write to an object, and curves_written() acts on an accepted write. A
- * write to an object that curves.c does not handle passes. */
+/* curves_check() checks a write to an object, and curves_written() acts on an accepted write.
+ * Writes to objects that curves.c does not handle are accepted without a check. */
 int curves_check(const fw_t *fw, uint16_t object);
 void curves_written(fw_t *fw, uint16_t object);
 

@@ -61,7 +61,8 @@ static uint8_t most_dac_bits(const fw_t *fw) {
 
 static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
-  /* A native mode that is written over a bus would bypass the state machine of the drive. */
+  /* A native mode is refused if it is written over a bus, because it would bypass the state machine
+   * of the drive. */
   if (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED &&
       (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
     return FW_ERROR_STATE;

@@ -21,8 +21,8 @@
  * the largest size and for the staging area. */
 #define FW_PROGRAM_BYTES (9 * CYCLE_PROGRAM_BYTES_MAX)
 
-/* Largest number of results of parts that can wait for an acknowledgement, on the host and on a
- * board with cycles. */
+/* Largest number of results of pressed parts that can wait for an acknowledgement, on the host and
+ * on a board with cycles. */
 enum { FW_RESULTS = 32 };
 /* Size in bytes, on the host, of the memory for the curve of a cycle. */
 #define FW_CURVE_BYTES (CYCLE_CURVE_POINTS * sizeof(cycle_curve_point_t))
@@ -93,9 +93,8 @@ void fw_can_bus(fw_t *fw, uint8_t state);
  * were queued before. */
 uint16_t fw_can_kbit_s(const fw_t *fw);
 
-/* Functions for Modbus RTU. fw_modbus_receive() accepts received bytes. fw_modbus_transmit() writes
- * at most `room` bytes that must be sent into `bytes`, and returns the number of these bytes, or
- * 0. */
+/* Functions for Modbus RTU. fw_modbus_receive() accepts received bytes. fw_modbus_transmit() copies
+ * bytes that must be sent, at most `room`, to `bytes`. It returns the number of copied bytes. */
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 

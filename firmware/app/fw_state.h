@@ -47,7 +47,7 @@ typedef struct {
 typedef struct {
   const store_memory_t *memory; /* flash memory with one sector for each slot */
   uint32_t address[SLOTS];      /* for each slot, the address for which its image is linked */
-  /* name of the board that an update must contain; 16 bytes, filled with zeros */
+  /* name of the board, which an update must contain too; 16 bytes, filled with zeros */
   const char *board;
   /* function that restarts the chip through its loader; it does not return */
   void (*restart)(void);
@@ -177,13 +177,14 @@ typedef struct {
   uint8_t reported[FW_HELD];
   /* state of contact, force law and calibration at the last call of reports_contact() */
   uint8_t contact_seen;
-  /* 1 while the tare measurement writes force_tare. This write does not reset the date 1020h */
+  /* 1 while the tare measurement writes force_tare. Such a write does not reset the date of the
+   * verified configuration (1020h) */
   uint8_t tare_is_written;
   uint8_t on_serial;    /* 1 while a write from the serial line is executed */
   uint8_t owner_on_can; /* 1 if the owner reaches the axis over CAN (ownership.h) */
   /* 1 if the black box uses the recorder buffer; 0 if the recorder uses this buffer (incident.h) */
   uint8_t boxed;
-  uint8_t has_parts; /* 1 while a client sends a program in pieces (programs.h) */
+  uint8_t has_parts; /* 1 while a client sends a cycle program in pieces (programs.h) */
   uint8_t live;      /* 1 if fw_tick() also computes the drive and the protocols */
 } fw_t;
 

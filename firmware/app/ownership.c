@@ -247,7 +247,7 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
   }
   if (value == AXIS_COMMAND_SOURCE_CANOPEN) {
     release_to_canopen(fw);
-    /* A CANopen master that has acquired the axis itself is certainly present. */
+    /* A CANopen master that has just acquired the axis by its own write is certainly present. */
     if (source != FW_SOURCE_CANOPEN) {
       check_canopen(fw);
     }

@@ -24,8 +24,8 @@ enum { PROGRAMS_SILENCE_TICKS = 7500 };
  * program is selected. */
 void programs_init(fw_t *fw);
 
-/* programs_check() checks a write to an object, and programs_written() acts on an accepted write. A
- * write to an object that programs.c does not handle passes. */
+/* programs_check() checks a write to an object, and programs_written() acts on an accepted write.
+ * Writes to objects that programs.c does not handle are accepted without a check. */
 int programs_check(const fw_t *fw, uint16_t object, int32_t value);
 void programs_written(fw_t *fw, uint16_t object, int32_t previous, int32_t value);
 

@@ -30,8 +30,8 @@ void results_init(fw_t *fw);
  * store_load(). */
 void results_loaded(fw_t *fw);
 
-/* results_check() checks a write to an object, and results_written() acts on an accepted write. A
- * write to an object that results.c does not handle passes. */
+/* results_check() checks a write to an object, and results_written() acts on an accepted write.
+ * Writes to objects that results.c does not handle are accepted without a check. */
 int results_check(const fw_t *fw, uint16_t object, int32_t value);
 void results_written(fw_t *fw, uint16_t object, int32_t value);
 

@@ -34,7 +34,8 @@ int sensing_command(fw_t *fw, uint16_t object) {
 }
 
 /* Writes the measured tare to force_tare. A tare is a measurement and no change of the
- * configuration, so changed() in fw.c does not reset the date 1020h. */
+ * configuration. So changed() in fw.c does not reset the date of the verified configuration
+ * (1020h). */
 static uint8_t write_tare(fw_t *fw) {
   /* If the axis was enabled after the last tick of the tare measurement, the tare is refused: the
    * force law keeps the tare with which the axis was enabled. */

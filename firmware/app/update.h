@@ -24,7 +24,7 @@
 enum {
   /* number of ticks from the command until the chip restarts: 100 ms */
   UPDATE_RESTART_TICKS = 150,
-  UPDATE_CONFIRM_TICKS = 15000, /* 10 s; time without an overrun before an image may be confirmed */
+  UPDATE_CONFIRM_TICKS = 15000, /* time without an overrun before an image may be confirmed: 10 s */
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
 
@@ -60,7 +60,8 @@ static inline void update_abandon(fw_t *fw) { fw->update.is_receiving = 0; }
 /* Executes a command that was written to the object program_control. */
 int update_command(fw_t *fw, uint32_t value);
 
-/* Call update_serve() between two ticks. It restarts the chip after the command for a restart. */
+/* Call update_serve() between two ticks. It restarts the chip when a client has commanded a
+ * restart. */
 void update_serve(fw_t *fw);
 
 #endif

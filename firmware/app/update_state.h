@@ -14,7 +14,7 @@ typedef struct {
   uint32_t crc;            /* CRC-32 of the image */
   uint32_t table;          /* AXIS_OBJECTS_HASH32 (hash of the object table) of the image */
   uint32_t replaced_table; /* AXIS_OBJECTS_HASH32 of the axes that may receive this update */
-  char board[16];          /* name of the board for which the image was built, as in identity.h */
+  char board[16];          /* name of the board for which the image was built (identity.h) */
   char version[16];
   uint32_t unused;
   uint32_t head_crc; /* CRC-32 of all bytes of the head before this field */

@@ -194,8 +194,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   signals->drive_report = inputs->drive;
 
   if (inputs->sensor_valid == 0) {
-    /* After a tick with invalid sensors the velocity is 0, because the next encoder count has no
-     * previous count. */
+    /* After a tick with invalid sensors the velocity is 0, because there is no valid previous
+     * encoder count. */
     signals->velocity = 0;
     axis->primed = 0;
     latch_fault(axis, AXIS_FAULT_SENSOR_INVALID);

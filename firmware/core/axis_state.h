@@ -23,8 +23,8 @@ typedef struct {
  * these ticks. The second tick is needed if a code is output one tick after its computation. */
 enum { AXIS_BOUNDED_TICKS = 2 };
 
-/* End value of a range of DAC codes without a limit at this end. The value is larger than every
- * code, so that limits_apply() still reports the saturation of the DAC. */
+/* End value of a range of DAC codes, if the range has no limit at this end. The value is larger
+ * than every code, so that limits_apply() still reports the saturation of the DAC. */
 enum { AXIS_CODE_BEYOND = 32767 };
 static inline axis_codes_t axis_codes_all(void) {
   const axis_codes_t codes = {.least = -AXIS_CODE_BEYOND, .most = AXIS_CODE_BEYOND};
@@ -55,7 +55,7 @@ typedef struct {
 } axis_inputs_t;
 
 typedef struct {
-  /* DAC code, -2048..2047, in 20/4096 V; with the amplifier on, code 0 commands speed 0 */
+  /* DAC code, -2048..2047; one code is 20/4096 V. With the amplifier on, code 0 commands speed 0 */
   int16_t dac_code;
   /* 1 if the amplifier is on; 0: the amplifier is off, and the axis coasts */
   uint8_t amp_enable;
@@ -70,8 +70,8 @@ typedef struct {
 } axis_outputs_t;
 
 /* AXIS_FINE_BITS: number of fractional bits of axis_outputs_t.dac_fine. AXIS_DAC_BITS_MIN and _MAX:
- * smallest and largest number of bits of a DAC. A DAC with the largest number outputs all bits of
- * dac_fine. */
+ * smallest and largest number of bits of a DAC. A DAC with AXIS_DAC_BITS_MAX bits outputs all bits
+ * of dac_fine. */
 enum { AXIS_FINE_BITS = 4, AXIS_DAC_BITS_MIN = 12, AXIS_DAC_BITS_MAX = 16 };
 
 /* Returns true if the axis has a drive on a bus, and this drive is not on. `drive` is the report of

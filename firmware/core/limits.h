@@ -73,8 +73,8 @@ static inline int32_t limits_apply(const axis_params_t *params, int32_t position
   return (blocked != AXIS_LIMIT_REASON_NONE) ? 0 : limited;
 }
 
-/* Writes the reason drive_limit to *reason if no other limit is active and a fitted drive reports a
- * limit. `drive` is the report of the drive as AXIS_DRIVE_REPORT_ bits. */
+/* Writes the reason drive_limit to *reason if a drive on a bus reports a limit of its own and no
+ * other limit is active. `drive` is the report of the drive as AXIS_DRIVE_REPORT_ bits. */
 static inline void limits_add_drive(uint8_t drive, uint8_t *reason) {
   const uint8_t limited = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_LIMIT;
   if ((drive & limited) == limited && *reason == AXIS_LIMIT_REASON_NONE) {

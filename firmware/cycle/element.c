@@ -39,8 +39,8 @@ static bool has_window(const cycle_element_t *element) {
          element->enters != 0 && element->enters <= sides && element->leaves <= sides;
 }
 
-/* Returns true if an element meets the conditions for all kinds of evaluation elements. It
- * evaluates at least one phase, its flags are 0 or 1, and its x range is in order. */
+/* Returns true if an element meets the conditions that hold for every kind of evaluation element:
+ * it evaluates at least one phase, its flags are 0 or 1, and its x range is in order. */
 static bool has_curve(const cycle_element_t *element) {
   return element->phases != 0 && element->over_time <= 1 && element->of_force <= 1 &&
          element->reserved == 0 && element->reserved_2 == 0 &&

@@ -83,8 +83,8 @@ static uint8_t off_reason(const drive402_t *master) {
   return (master->mode_displayed == 0) ? DRIVE402_MODE_LOST : DRIVE402_TARGET_IGNORED;
 }
 
-/* Latches a failure: the newest statusword shows a fault or an unexpected stop, or the drive was
- * not enabled in time. */
+/* Latches a failure if the newest statusword shows a fault or an unexpected stop, or if the drive
+ * was not enabled in time. */
 static void watch_state(drive402_t *master, bool enabled) {
   const bool faulted = master->state == DRIVE402_FAULT || master->state == DRIVE402_FAULT_REACTION;
   const bool is_late = master->wait_ticks == 0;

@@ -50,7 +50,8 @@ typedef struct {
 /* Initialises an SDO client: no transfer is in progress. */
 void drive402_sdo_init(drive402_sdo_t *sdo);
 
-/* Starts a download of the entry (`writes` is true) or an upload of its object. */
+/* Starts a download of the value of an entry (`writes` is true), or an upload of the object of this
+ * entry. */
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
 
 /* Counts a tick. Returns true if a request must be sent in this tick. */

@@ -363,7 +363,7 @@ void first_motion_check_running(first_motion_t *first, const drive_params_t *par
     coast(first, axis);
     return;
   }
-  /* The phase "zero" begins only when a fitted drive is on. */
+  /* If the axis has a drive on a bus, the phase "zero" begins only when this drive is on. */
   const bool waits =
       first->phase == FIRST_MOTION_ZERO && axis->signals.active_mode == AXIS_MODE_DISABLED;
   if (axis->signals.fault != AXIS_FAULT_NONE || waits) {

@@ -30,8 +30,8 @@ enum {
  * 0.5 ms. */
 enum { PAUSE_RESET = 2000, PAUSE_CALIBRATION = 5000, PAUSE = 10 };
 
-/* Values for the communications register of the AD7193 that select another register, and values and
- * bits of these registers. */
+/* Values for the communications register of the AD7193, each of which selects another register.
+ * Also values and bits of the selected registers. */
 enum {
   AD_WRITE_MODE = 0x08,
   AD_WRITE_CONFIGURATION = 0x10,

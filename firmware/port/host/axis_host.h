@@ -5,8 +5,8 @@
  * create and destroy a firmware. The functions of firmware/app/fw.h run it. Two axes share no data.
  * Two threads must not use one axis at the same time. */
 
-/* The headers of the firmware contain no conditionals, so a C++ program gets the C linkage of their
- * functions here. */
+/* The headers of the firmware contain no preprocessor conditions for C++. So a C++ program gets
+ * their functions with C linkage from this file. */
 #ifdef __cplusplus
 extern "C" {
 #endif

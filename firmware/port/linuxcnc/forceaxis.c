@@ -337,7 +337,8 @@ static int load_parameters(void) {
   if (error != NULL) {
     return refuse(error);
   }
-  /* A write to an object of the drive starts the drive. The drive computes `contact`. */
+  /* Starts the drive by a write to one of its objects, because the drive computes the signal
+   * `contact`. */
   return fw_object_write(&firmware, FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                          object_value(AXIS_OBJ_VELOCITY_THRESHOLD));
 }

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_PORT_LINUXCNC_PARAMETERS_H_
 #define FIRMWARE_PORT_LINUXCNC_PARAMETERS_H_
 
-/* The headers of the firmware contain no conditionals, so a C++ program gets the C linkage of their
- * functions here. */
+/* The headers of the firmware contain no preprocessor conditions for C++. So a C++ program gets
+ * their functions with C linkage from this file. */
 #ifdef __cplusplus
 extern "C" {
 #endif

@@ -90,7 +90,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   }
   if (taken > 0) {
     GPIOB->BSRR = BIT(PIN_RS485);
-    /* The interrupt clears the driver enable after the last byte is sent. */
+    /* The interrupt switches the output `driver enable` off after the last byte was sent. */
     USART2->CR1 = LINE | USART_CR1_TXEIE;
   }
   return taken;
