@@ -133,7 +133,7 @@ static void send_rpdo(drive402_t *master, uint16_t controlword, int32_t target) 
   master->controlword = controlword;
 }
 
-/* Starts the time of a quick stop. Ends this time as soon as the statusword shows switch on
+/* Starts the timer of a quick stop. Stops this timer as soon as the statusword shows switch on
  * disabled or fault. */
 static void time_stop(drive402_t *master, bool stops) {
   if (stops) {

@@ -6,7 +6,8 @@
 
 #include "firmware/drive402/drive402_state.h"
 
-/* Begins the bus cycle in the next tick. The drive is stopped. */
+/* Initialises the bus cycle, which then begins in the next tick. The drive is stopped at this
+ * time. */
 void drive402_cycle_start(drive402_t *master);
 
 /* Computes the cyclic frames of a tick. At the begin of a bus cycle, sends SYNC and RPDO. When the

@@ -63,7 +63,7 @@ void drive402_sdo_request(drive402_sdo_t *sdo, uint32_t ticks, uint8_t data[8]) 
   }
 }
 
-/* Ends an upload whose answer contains the value `value` with `bytes` bytes. */
+/* Ends an upload. The answer contains the value `value`, which has `bytes` bytes. */
 static void take_value(drive402_sdo_t *sdo, const uint8_t *value, uint32_t bytes) {
   if (bytes < sdo->entry.bytes) {
     sdo->state = DRIVE402_TRANSFER_UNEXPECTED;

@@ -9,7 +9,7 @@
 /* Returns DRIVE402_NONE, or the reason for which this configuration is refused. */
 uint8_t drive402_setup_check(const drive402_config_t *config);
 
-/* Writes the list of the objects that the master configures to master->entries. */
+/* Writes to master->entries the list of the objects that the master configures. */
 void drive402_setup_list(drive402_t *master);
 
 /* Returns the bit (DRIVE402_WITHOUT_) of an object that the master configures, or 0 for another

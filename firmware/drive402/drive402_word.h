@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-/* Values of the controlword for its commands. */
+/* Values of the controlword (6040h), one for each command. */
 enum {
   DRIVE402_DISABLE_VOLTAGE = 0x00,
   DRIVE402_QUICK_STOP = 0x02,

@@ -17,7 +17,8 @@ enum { CONTACT_SLOTS = 15 };
 
 typedef struct {
   uint16_t recent; /* number of contact losses in all time slots of the window */
-  /* number of contact losses in each time slot of the window; at most one loss in two ticks */
+  /* number of contact losses in each time slot of the window; in two ticks at most one contact loss
+   * is counted */
   uint8_t losses[CONTACT_SLOTS];
   uint8_t slot;
   uint8_t slot_tick;

@@ -18,7 +18,8 @@ typedef enum {
   FW_SOURCE_CANOPEN = 0,
   FW_SOURCE_MODBUS = 1,
   FW_SOURCE_LCM = 2,
-  /* the code for the board or a test bench. Its writes are permitted for every owner of the axis */
+  /* source of writes by the code for the board or by a test bench. These writes are permitted for
+   * every owner of the axis */
   FW_SOURCE_LOCAL
 } fw_source_t;
 

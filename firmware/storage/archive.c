@@ -8,8 +8,7 @@
 enum { IDLE, CHECKING, WRITING, LOADING };
 enum { PIECE_BYTES = 16, READ_BYTES = 64 };
 
-/* Offsets in bytes, from the begin of the record of an incident, of the words that describe the
- * incident. */
+/* Offsets in bytes of the words that describe an incident, from the begin of its record. */
 enum {
   ABOUT_TICK = RECORD_HEAD_BYTES,
   ABOUT_CRC = ABOUT_TICK + 4,

@@ -32,8 +32,8 @@ enum {
   ARCHIVE_CLEARED_BYTES = 4
 };
 
-/* Returns the size in bytes of an incident in the archive. `samples` is the size of its samples in
- * bytes. */
+/* Returns the number of bytes that an incident occupies in the archive. `samples` is the number of
+ * bytes of its samples. */
 static inline uint32_t archive_bytes(uint32_t samples) {
   return record_bytes(ARCHIVE_ABOUT_BYTES + ((samples + 15) & ~UINT32_C(15))) +
          ARCHIVE_CLEARED_BYTES;

@@ -41,8 +41,8 @@ bool entries_next(const store_memory_t *memory, const dictionary_t *objects, ent
                   entry_t *entry);
 
 /* Returns the value of an object that is stored in a record. If no entry of the record matches,
- * returns the default of the object. The magic of the record may be RECORD_NONE. Cost:
- * entries_next() for each earlier entry of the record. */
+ * returns the default of the object. The magic of the record may be RECORD_NONE. Cost: one call of
+ * entries_next() for each entry before the entry of the object. */
 int32_t entries_value(const store_memory_t *memory, const dictionary_t *objects,
                       const record_t *record, uint16_t object);
 

@@ -118,8 +118,8 @@ typedef struct {
  * number of all complete records. */
 uint32_t record_survey(const store_memory_t *memory, record_sector_t sectors[2], record_t sets[2]);
 
-/* Returns the offset in bytes, from the start of the sector, of the end of the last word that is
- * not blank. */
+/* Finds the last word of a sector that is not blank. Returns the offset of the end of this word, in
+ * bytes from the start of the sector. */
 uint32_t record_tail(const store_memory_t *memory, uint32_t sector);
 
 #endif

@@ -6,7 +6,7 @@
 
 _Static_assert(sizeof(slot_trailer_t) == SLOT_TRAILER_BYTES, "read by other programs");
 
-/* smallest length of an image in bytes: the vector of the stack and the vector of the start-up */
+/* smallest length of an image in bytes: the initial stack pointer and the reset vector */
 enum { LENGTH_MIN = 8 };
 
 const slot_trailer_t *slots_trailer(const uint32_t *slot, uint32_t slot_bytes) {

@@ -9,7 +9,7 @@ _Static_assert((unsigned)STORE_SECTOR_MIN >= (unsigned)STORE_SET_BYTES, "a secto
 
 enum { READ_BACK_BYTES = 64, PIECE_BYTES = 16 };
 
-/* Offset in bytes, from the begin of a record, of the word with the size of its entries. */
+/* Offset of the word that contains the size of the entries, in bytes from the begin of a record. */
 enum { ENTRIES_WORD = 12 };
 
 /* A sector always has room for this number of records with counts of parts, even with the largest
@@ -227,8 +227,8 @@ static uint32_t bytes_of_item(const store_t *store, uint8_t item) {
                                   : store->basis.entries;
 }
 
-/* Returns the address of the end of the entries of the record that is being written. The CRC of the
- * record begins there. */
+/* Returns the address at which the entries of the present record end. The CRC of the record begins
+ * at this address. */
 static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_item(store, store->item);
 }
@@ -442,8 +442,8 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the step of the job that follows after the bytes of the record that were programmed so
- * far. */
+/* Returns the next step for the present record: programming its entries, or its CRC after the last
+ * entry. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }

@@ -55,7 +55,8 @@
 
 enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
-  /* smallest size of a sector in bytes, with room for a parameter set and for later parameters */
+  /* smallest size of a sector in bytes, with room for a parameter set that also contains parameters
+   * of later versions */
   STORE_SECTOR_MIN = 8192,
   /* number of objects store_change_1 to _8; each of these objects reports one change */
   STORE_CHANGES = 8

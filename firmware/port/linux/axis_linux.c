@@ -68,7 +68,8 @@ static uint32_t force_age = AGE_MAX;
 static bool has_force;  /* true: a measured force was received */
 static bool is_enabled; /* true: the last tick has enabled the axis */
 static bool is_too_late;
-/* number of missed ticks since the last call of port_overran(); the lock protects this variable */
+/* number of missed ticks since the last call of port_overran(); port_lock() protects this
+ * variable */
 static uint32_t missed;
 
 const fw_config_t *port_config(void) { return &firmware_config; }
@@ -85,7 +86,8 @@ bool port_overran(uint32_t *count) {
   return *count > 0;
 }
 
-/* no watchdog timer: the drive monitors the heartbeat of this process instead */
+/* Does nothing, because there is no watchdog timer: the drive monitors the heartbeat of this
+ * process instead. */
 void port_feed_watchdog(void) {}
 
 /* If an SDO transfer of an object of the drive has failed, writes to standard error which key of
@@ -99,7 +101,7 @@ static void report_key(const drive402_feedback_t *said) {
   }
 }
 
-/* Writes the reason why the drive has failed to standard error, once for each failure. */
+/* Writes to standard error why the drive has failed, once for each failure. */
 static void report_drive(void) {
   static uint8_t reported;
   port_lock();
@@ -140,7 +142,7 @@ static void report_buses(void) {
 
 static bool has_converter(void) { return config->iio.device != NULL; }
 
-/* Writes the reason why the converter gives no force to standard error, once for each reason. */
+/* Writes to standard error why the converter gives no force, once for each reason. */
 static void report_converter(void) {
   static const char *reported;
   port_lock();

@@ -86,7 +86,7 @@ can_raw_link_t can_raw_link(const can_raw_t *raw) {
 int can_raw_send(const can_raw_t *raw, const struct can_frame *frames, unsigned count) {
   struct iovec parts[CAN_RAW_BATCH];
   struct mmsghdr messages[CAN_RAW_BATCH];
-  if (count == 1) { /* a write of a single frame takes less time than sendmmsg() */
+  if (count == 1) { /* the call write() takes less time for a single frame than sendmmsg() */
     return (write(raw->fd, frames, sizeof(*frames)) < 0) ? -errno : 1;
   }
   const unsigned most = (count < CAN_RAW_BATCH) ? count : CAN_RAW_BATCH;

@@ -23,7 +23,7 @@ enum {
   IIO_SCAN_MAX = 256, /* largest size of a scan in bytes */
   IIO_BYTES = 4096,   /* number of bytes in one read from the device; these are several scans */
   IIO_READS = 4,      /* largest number of reads in one call of iio_take() */
-  /* value of iio_settings_t.shift: the ADC code is the upper 16 bits of the value */
+  /* value of iio_settings_t.shift with which the ADC code is the upper 16 bits of the value */
   IIO_SHIFT_OWN = 255
 };
 
@@ -31,7 +31,7 @@ typedef struct {
   /* folder of the device, for example /sys/bus/iio/devices/iio:device0; NULL: no converter */
   const char *device;
   const char *buffer; /* character device of the converter, for example /dev/iio:device0 */
-  /* name of the force channel without in_ and without an ending, for example voltage0 */
+  /* name of the force channel without the prefix in_ and without a suffix, for example voltage0 */
   const char *channel;
   uint8_t shift; /* number of low bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
 } iio_settings_t;

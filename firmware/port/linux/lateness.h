@@ -9,7 +9,7 @@ enum { LATENESS_STEP_US = 10, LATENESS_STEPS = 2000 };
 
 typedef struct {
   uint64_t ticks;
-  uint64_t missed; /* number of ticks that were not computed */
+  uint64_t missed; /* number of missed ticks, which were not computed */
   uint64_t longest_us;
   /* number of ticks whose lateness is within each step; the last step also counts all later
    * ticks */

@@ -15,7 +15,7 @@ extern "C" {
 typedef struct {
   /* CAN identifier of the frame with the force, 1..2047; 0: there is no load cell */
   uint16_t identifier;
-  uint8_t byte;  /* index in the frame of the lowest byte of the integer, 0..7 */
+  uint8_t byte;  /* index of the lowest byte of the integer in the frame, 0..7 */
   uint8_t bytes; /* number of bytes of the integer, 1..4 */
   uint8_t shift; /* number of low bits of the integer that are cut off, 0..31 */
   bool is_signed;

@@ -116,7 +116,7 @@ static const char *const usual_inputs[] = {"force_setpoint", "position_setpoint"
                                            "fault_reset", "mode"};
 static const char *const usual_outputs[] = {"force", "position"};
 
-/* An object of the firmware that a HAL pin writes or shows. */
+/* An object of the firmware whose value a HAL pin sets or shows. */
 typedef struct {
   const axis_object_meta_t *meta;
   int32_t last; /* value of the HAL pin in the last tick */
@@ -226,8 +226,8 @@ static axis_inputs_t read_inputs(void) {
   return now;
 }
 
-/* Returns the number of whole ticks by which this tick is late. If late-ticks-max is 0, the time of
- * ticks is not measured. */
+/* Returns the number of whole ticks by which this tick is late. If late-ticks-max is 0, the
+ * lateness of ticks is not measured. */
 static uint32_t late_ticks(void) {
   const long long now_ns = rtapi_get_time();
   const long long elapsed_ns = (last_ns == 0) ? 0 : now_ns - last_ns;

@@ -26,7 +26,7 @@ void tick_timer_start(void) {
   SYSTICK->CSR = SYSTICK_CSR_CLKSOURCE | SYSTICK_CSR_TICKINT | SYSTICK_CSR_ENABLE;
 }
 
-/* Clears the request of the tick: a read of CSR clears its flag. */
+/* Clears the interrupt request of the tick. Reading the register CSR clears its flag. */
 void tick_timer_take(void) { (void)SYSTICK->CSR; }
 
 bool tick_timer_is_due(void) { return (SYSTICK->CSR & SYSTICK_CSR_COUNTFLAG) != 0; }

@@ -38,8 +38,8 @@ bool image_is_whole(void) {
   return CRC->DR == image_crc;
 }
 
-/* Tests a word with two inverse patterns. Returns the bits of the word that did not keep both
- * patterns. */
+/* Tests a word of the RAM with two inverse patterns. Returns a word in which each bit is 1 that did
+ * not keep both patterns. */
 static inline uint32_t stuck_bits(volatile uint32_t *at) {
   const uint32_t before = *at;
   *at = UINT32_C(0x55555555);

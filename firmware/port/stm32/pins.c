@@ -24,8 +24,8 @@ enum { EDGES_MAX = 4 };
 
 static bool is_dynamic;
 static volatile bool is_high; /* last level of the output amp_enable */
-/* `pulses`: number of index pulses, modulo 256; only the interrupt writes it. `pulses_seen`: its
- * value in the last tick */
+/* number of index pulses, modulo 256; only the interrupt writes this variable. `pulses_seen`: value
+ * of `pulses` in the last tick */
 static volatile uint8_t pulses;
 static uint8_t pulses_seen;
 /* number of edges of the index input since the last tick */
@@ -37,8 +37,8 @@ static volatile uint8_t edges;
  * active. */
 enum { ENABLE = 0, LIMIT_POS = 1, LIMIT_NEG = 2, INDEX = 3, HOME = 9 };
 
-/* Pins of the node id straps on port C. A strap that is connected to ground is a bit of the node id
- * with the value 1. */
+/* Pins of the node id straps on port C. Each strap is one bit of the node id. The bit is 1 if the
+ * strap is connected to ground. */
 enum { STRAP_FIRST = 4, STRAPS = 5 };
 
 static void set_field(reg_t *reg, uint32_t at, uint32_t width, uint32_t value) {

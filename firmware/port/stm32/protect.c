@@ -1,5 +1,5 @@
-/* Memory protection: an access for which a part of the memory is not intended causes a fault of the
- * core. */
+/* Memory protection: only the intended kinds of access are permitted in the protected regions of
+ * the memory. Any other access to these regions causes a fault of the core. */
 
 #include "firmware/port/stm32/board.h"
 

@@ -118,7 +118,7 @@ void second_clock_tick(void) {
   }
   const uint32_t now = RTC->SSR;
   if (is_running && cycles != 0) {
-    compare((before - now) & RTC_PRER_PREDIV_S); /* the count has 15 bits and counts downwards */
+    compare((before - now) & RTC_PRER_PREDIV_S); /* the counter has 15 bits and counts downwards */
   }
   before = now;
   is_running = true;

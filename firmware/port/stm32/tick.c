@@ -5,7 +5,8 @@
 #include "firmware/port/stm32/barrier.h"
 #include "firmware/port/stm32/board.h"
 
-/* Number of us per count of clock_count(), in Q16: 1/84, or 1/16 if the core runs at 16 MHz. */
+/* Duration in us of one count of clock_count(), in Q16: 1/84 us, or 1/16 us if the core runs at 16
+ * MHz. */
 enum { US_Q16 = 781, US_INTERNAL_Q16 = 4096 };
 
 static volatile uint32_t entries;

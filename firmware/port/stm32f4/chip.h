@@ -47,7 +47,7 @@
 #define SERIAL_HAS_ROOM USART_SR_TXE
 #define SERIAL_NINE_BITS USART_CR1_M
 
-/* Returns the received byte. Reading the byte also clears an overrun. */
+/* Returns the received byte. Reading the byte also clears an overrun error. */
 static inline uint8_t serial_take(void) { return (uint8_t)USART2->DR; }
 
 /* Pin number, on port B, of the output `driver enable` for an RS-485 transceiver. The pin is high
@@ -87,7 +87,7 @@ static inline void request_sent_interrupt(void) { NVIC->ISPR1 = BIT(IRQ_CAN2_TX 
 /* Interrupt handlers for the vectors in startup.c. */
 enum { IRQ_LAST = IRQ_CAN2_RX0 };
 #define CHIP_RESET reset
-#define CHIP_NMI board_fail /* the NMI comes from the clock security system */
+#define CHIP_NMI board_fail /* the NMI is requested by the clock security system */
 #define CHIP_INTERRUPTS                                                    \
   HANDLER(EXCEPTION_IRQ + IRQ_PVD, supply_interrupt),                      \
       HANDLER(EXCEPTION_IRQ + IRQ_EXTI3, index_interrupt),                 \

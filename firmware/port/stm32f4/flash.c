@@ -5,9 +5,9 @@
 
 /* Two sectors of the flash. The linker script keeps them free of code. */
 typedef struct {
-  uint32_t bytes; /* number of bytes that are used of each sector */
+  uint32_t bytes; /* number of bytes of each sector that are used */
   uint32_t base[2];
-  uint32_t erase[2]; /* for each sector, its number in the register CR, FLASH_CR_SNB_ */
+  uint32_t erase[2]; /* number of each sector, as the value FLASH_CR_SNB_ of the register CR */
 } sectors_t;
 
 static const sectors_t store = {
@@ -50,7 +50,7 @@ static void unlock(void) {
   await_ready();
   FLASH->KEYR = FLASH_KEY1;
   FLASH->KEYR = FLASH_KEY2;
-  /* A write of 1 clears an error bit of SR. */
+  /* Writing 1 to an error bit of the register SR clears it. */
   FLASH->SR = ERRORS;
 }
 

@@ -382,7 +382,7 @@ typedef struct {
   reg_t ESR;
   reg_t BTR;
   reg_t unused_20[88];
-  reg_t TI0R; /* first of the registers of three mailboxes; each mailbox has four registers */
+  reg_t TI0R; /* first register of the three mailboxes; each mailbox has four registers */
   reg_t TDT0R;
   reg_t TDL0R;
   reg_t TDH0R;

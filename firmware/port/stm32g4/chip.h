@@ -46,7 +46,7 @@
 #define SERIAL_HAS_ROOM USART_ISR_TXE
 #define SERIAL_NINE_BITS USART_CR1_M0
 
-/* Returns the received byte, and clears an overrun. */
+/* Returns the received byte, and clears an overrun error. */
 static inline uint8_t serial_take(void) {
   USART2->ICR = USART_ICR_ORECF;
   return (uint8_t)USART2->RDR;

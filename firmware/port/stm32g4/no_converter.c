@@ -1,4 +1,5 @@
-/* Functions of spi_force for a board without a connection for a converter of the force on SPI. */
+/* The functions of spi_force.c for a board to which no force converter can be connected over
+ * SPI. */
 
 #include "firmware/port/stm32/board.h"
 

@@ -365,7 +365,7 @@ typedef struct {
 #define ADC12_COMMON_BASE 0x50000300
 #define ADC12_COMMON ((adc_common_t *)ADC12_COMMON_BASE)
 
-/* Bits of ISR. A write of 1 clears a bit. */
+/* Bits of the register ISR of an ADC. Writing 1 to a bit clears it. */
 #define ADC_ISR_ADRDY BIT(0)
 #define ADC_ISR_EOC BIT(2)
 #define ADC_ISR_EOS BIT(3)
@@ -460,7 +460,7 @@ typedef struct {
 #define FDCAN_PSR_ACT MASK(3, 2)
 #define FDCAN_PSR_EP BIT(5)
 #define FDCAN_PSR_BO BIT(7)
-/* Bits of IR. A write of 1 clears a bit. */
+/* Bits of the register IR of a CAN controller. Writing 1 to a bit clears it. */
 #define FDCAN_IR_RF0N BIT(0)
 #define FDCAN_IR_RF0L BIT(2)
 #define FDCAN_IR_TC BIT(7)

@@ -8,8 +8,8 @@
 #include "firmware/port/stm32/tick.h"
 #include "firmware/port/stm32f4/emulated/flash.h"
 
-/* Memories that are sectors in the file of the flash (flash.h). Without this file there are no
- * memories. */
+/* Memories of the parameter store and of the image slots, which are sectors in the file of the
+ * flash (flash.h). Without this file these memories do not exist. */
 
 /* descriptor of the file of the flash, which flash_memory() opens; negative: there is no file */
 static int32_t flash_file;
@@ -74,7 +74,8 @@ bool port_can_receive(can_frame_t *frame) {
   static uint8_t count;
   USART3->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE;
   static bool has_more;
-  /* QEMU delivers the next byte soon after the previous byte was read. */
+  /* QEMU delivers the next byte soon after the previous byte was read, so this loop polls up to
+   * POLLS_MAX times. */
   for (uint32_t polls = (has_more || count > 0) ? POLLS_MAX : 1; count < FRAME_BYTES && polls > 0;
        polls--) {
     if ((USART3->SR & USART_SR_RXNE) != 0) {
