@@ -38,7 +38,7 @@ typedef struct {
   int32_t force_phase;
 } cycle_curve_point_t;
 
-/* Number of points of a curve on the host and on the STM32. */
+/* Largest number of points of a recorded curve, on the host and on the STM32. */
 enum { CYCLE_CURVE_POINTS = 1000 };
 
 typedef struct {

@@ -81,7 +81,7 @@ typedef struct {
   /* position at the start of the cycle, which is the first value of zero_cnt */
   int32_t begin_cnt;
   int32_t force_q8; /* force of the last sample minus offset_q8, limited to the range of a sample */
-  int32_t depth;    /* depth of the last sample, if has_depth is 1 */
+  int32_t depth;    /* depth of the last sample; valid only if has_depth is 1 */
   /* actions PRESS and FOLLOW: target of the demanded force for the next tick, in 1/256 per mille of
    * rated_force, without the offset */
   int32_t demand_q8;
@@ -123,8 +123,8 @@ typedef struct {
   uint8_t phase; /* number of the running phase, or of the last phase */
   /* outcome, which states how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
   uint8_t outcome;
-  /* number of the phase in which the cycle failed: the first limit was exceeded, the cycle was
-   * stopped, or the first sample was not valid */
+  /* number of the phase in which the cycle failed. It has failed when a limit was exceeded for the
+   * first time, when the cycle was stopped, or when a sample was not valid for the first time */
   uint8_t failed_phase;
   /* number, from 1, of the condition that ended the previous phase; 0: a limit or a stop ended it,
    * or no phase has ended yet */
@@ -177,9 +177,9 @@ void cycle_abort(cycle_t *cycle);
  * cycle the state becomes CYCLE_DONE. */
 void cycle_evaluate(cycle_t *cycle);
 
-/* Returns the result of the evaluation element with the number `element`, 0 .. elements - 1 of the
- * program. In a cycle that was stopped from outside, the verdict on an element without a value is
- * CYCLE_ABORTED. */
+/* Returns the result of the evaluation element with the number `element`, from 0 to the number of
+ * elements of the program - 1. In a cycle that was stopped from outside, the verdict on an element
+ * without a value is CYCLE_ABORTED. */
 cycle_element_result_t cycle_result(const cycle_t *cycle, uint8_t element);
 
 #endif

@@ -106,9 +106,9 @@ typedef struct {
   int32_t x0, y0, x1, y1;
 } line_t;
 
-/* Counts a crossing of the level by this line. Returns true if it is the crossing that the element
- * evaluates, for example the second one (`ordinal`), and then stores the value at the crossing in
- * *value. */
+/* Counts a crossing if this line crosses the level. If it is the crossing with the number
+ * `ordinal`, which the element evaluates, stores the value at this crossing in *value and returns
+ * true. */
 static bool crosses(const cycle_element_t *element, const line_t *line, int32_t level,
                     uint8_t *number, int32_t *value) {
   const bool of_force = element->of_force != 0;

@@ -74,7 +74,7 @@ enum { CYCLE_RISING = 1, CYCLE_FALLING = 2, CYCLE_EITHER = 3 };
 typedef struct {
   uint8_t kind;
   uint8_t over_time; /* 1: x is the time in ticks since the element began; 0: x is the travel */
-  uint16_t phases;   /* set of the phases whose samples the element evaluates */
+  uint16_t phases;   /* set, as bits, of the phases whose samples the element evaluates */
   /* kinds AT and DIFFERENCE. 1: the element evaluates crossings of a force level; 0: crossings
    * of a level of x */
   uint8_t of_force;
@@ -114,7 +114,7 @@ enum {
    * bounds */
   CYCLE_WRONG_SIDE = 3,
   CYCLE_AGAIN = 4, /* kind WINDOW: the curve entered or left the window more than once */
-  /* there is no value: no sample, no crossing, or the curve ended too early */
+  /* the element has no value: there was no sample or no crossing, or the curve ended too early */
   CYCLE_NOT_REACHED = 5,
   CYCLE_ABORTED = 6,
   CYCLE_VERDICTS = 7
@@ -133,7 +133,7 @@ typedef struct {
   int32_t value;
   int32_t value_2;     /* kind DIFFERENCE: value at the crossing of level_2 */
   uint8_t has_sample;  /* 1 after the first sample of the element */
-  uint8_t found;       /* bits: 1 if `value` was found, 2 if value_2 was found */
+  uint8_t found;       /* bit 0 is 1 if `value` was found, and bit 1 is 1 if value_2 was found */
   uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
   uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */
   /* kind WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of

@@ -49,8 +49,8 @@ bool cycle_library_append(cycle_library_t *library, uint32_t offset, const uint8
                           uint32_t count);
 
 /* Checks the first `size` bytes of the staging area as a record, and adds the record to the
- * library. It replaces a program with the same number. If the record is refused, the library does
- * not change. */
+ * library. The record replaces a program with the same number. If the record is refused, the
+ * library does not change. */
 cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size);
 
 /* Returns the program with the number `number`, or NULL if the library has no such program. */

@@ -81,8 +81,8 @@ static bool has_right_limits(const cycle_phase_t *phase) {
          phase->travel_max > 0 && phase->travel_max <= CYCLE_TRAVEL_MAX && phase->time_max > 0;
 }
 
-/* Returns true if each condition of a phase is valid, and if stiffness_travel is not 0 exactly when
- * a condition uses it. */
+/* Returns true if each condition of a phase is valid. stiffness_travel must be 0 if no condition
+ * uses it, and must not be 0 otherwise. */
 static bool has_right_conditions(const cycle_header_t *program, const cycle_phase_t *phase) {
   bool uses_stiffness = false;
   for (uint8_t i = 0; i < CYCLE_CONDITIONS; i++) {

@@ -25,7 +25,7 @@ bool cycle_points_are_valid(const cycle_point_t *points, uint8_t count, int32_t 
 /* Returns true if a curve has at least 2 points and is within the bounds of a table. */
 bool cycle_table_is_valid(const cycle_point_t *points, uint8_t count);
 
-/* Returns the index of the point at which the line segment begins that contains x. */
+/* Returns the index of the point at which the line segment that contains x begins. */
 uint32_t cycle_line_at(const cycle_point_t *points, uint32_t count, int32_t x);
 
 /* Returns y of a table at x, rounded half up. Before the first point the result is the first y, and

@@ -50,9 +50,9 @@ static void end_setpoint(cia402_t *drive) {
   }
 }
 
-/* Stores the position of the trajectory as the position of the reached set-point. If the position
- * that the client wrote is the same encoder count, it is not changed: a conversion of the count
- * would round it, and the rounding errors of relative moves would accumulate. */
+/* Stores the position of the trajectory as the position of the reached set-point. The position that
+ * the client wrote is kept if it is the same encoder count. A conversion of the count would round
+ * it, and the rounding errors of relative moves would accumulate. */
 static void keep_place(cia402_t *drive) {
   const int32_t count = fx_cnt_from_q32(drive->trajectory.position_q32);
   if (cia402_encoder(drive, drive->setpoint.position) != count) {

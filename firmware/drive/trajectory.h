@@ -35,7 +35,8 @@ void trajectory_move(profile_t *trajectory, uint64_t distance_q16, bool negative
  * limits->speed. If the sign of the speed changes, the speed is 0 for one tick. */
 void trajectory_ramp(profile_t *trajectory, int32_t speed, const trajectory_limits_t *limits);
 
-/* Moves the trajectory by one tick at the speed `speed`. Its previous speed has no influence. */
+/* Moves the trajectory by one tick at the speed `speed`. The previous speed of the trajectory has
+ * no influence. */
 void trajectory_step(profile_t *trajectory, int32_t speed);
 
 #endif
