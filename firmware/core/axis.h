@@ -105,8 +105,8 @@ void axis_fault(axis_t *axis, uint8_t fault);
  * to the safe state: code 0, amplifier off, brake on. */
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
 
-/* Resets the latched fault. The axis stays disabled until a mode is written. If the fault has not
- * acted in a tick yet, does not reset the fault and returns false. */
+/* Resets the latched fault. The axis stays disabled until a mode is written. If no tick has run
+ * since the fault was latched, does not reset the fault and returns false. */
 bool axis_fault_reset(axis_t *axis);
 
 #endif

@@ -282,8 +282,8 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   cycle_mode_interrupt(drive);
 }
 
-/* Carries out the transition between two drive states that a controlword commands. The option codes
- * determine how the axis stops. */
+/* Carries out the transition that a controlword commands, from one drive state to another. The
+ * option codes determine how the axis stops. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
   if (first_motion_is_running(&drive->guards.first_motion)) {
     enter(drive,

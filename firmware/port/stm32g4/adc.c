@@ -82,8 +82,8 @@ void adc_init(void) {
   ADC2->CR = ADC_CR_ADVREGEN | ADC_CR_JADSTART;
 }
 
-/* Clears a result that was too late for the last tick. While the count of the timer of the tick is
- * below COUNTS_MIN, it cannot be a result of this tick. */
+/* Clears a result that was too late for the last tick. A result that is present while the count of
+ * the tick timer is below COUNTS_MIN cannot be a result of this tick. */
 void adc_begin(void) {
   begun = TIM2->CNT;
   if (TIM4->CNT < COUNTS_MIN) {
