@@ -157,12 +157,12 @@ enum {
 };
 
 typedef struct {
-  uint32_t excitation_frequency; /* frequency of the sine, or start frequency of the frequency sweep; below 750 Hz [3.49246e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the frequency of the sine rises. Above 750 Hz the sine aliases. The sweep restarts only at the end of excitation_period [0.0005238689 Hz/s] */
-  int32_t excitation_period; /* number of ticks after which the waveform restarts, the noise with equal values; 0 means that the waveform does not restart [tick] */
-  int32_t force_setpoint; /* set-point f_d of the force, in counts of an 8-bit ADC [1/256 count] */
+  uint32_t excitation_frequency; /* frequency of the excitation sine, or its start frequency in a frequency sweep; below 750 Hz [3.49246e-07 Hz] */
+  int32_t excitation_sweep; /* rate of change of the frequency of the excitation sine. The sine aliases above 750 Hz, which is half the tick rate. The sweep restarts only at the end of excitation_period [0.0005238689 Hz/s] */
+  int32_t excitation_period; /* number of ticks after which the excitation waveform restarts; noise then repeats the same values; 0 means that the waveform does not restart [tick] */
+  int32_t force_setpoint; /* force set-point f_d in force mode, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* tare: force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
-  int32_t position_setpoint; /* position set-point in position mode. A value written before position mode begins acts when position mode begins. The axis does not pass a soft limit on its path to the set-point [count] */
+  int32_t position_setpoint; /* set-point of the axis in position mode. A set-point that was written earlier acts when position mode begins. The motion to the set-point ends at a soft limit [count] */
   uint32_t profile_velocity_max; /* speed limit of the trapezoidal profile [1/65536 count/tick] */
   uint32_t profile_acceleration_max; /* acceleration limit of the trapezoidal profile [1/65536 count/tick^2] */
   int32_t position_min; /* soft limit: below this position the firmware outputs no negative DAC code; the smallest value means no limit [count] */
@@ -171,25 +171,25 @@ typedef struct {
   int32_t speed_max; /* largest permitted speed while a mode is active; 0 means off [count/tick] */
   int32_t force_max; /* largest permitted magnitude of the measured force while a mode is active; 0 means off [1/256 count] */
   int32_t contact_force; /* magnitude of the measured force above which the axis is in contact [1/256 count] */
-  int32_t tare_band; /* largest permitted magnitude of force_tare; with 0 there is no limit, and force_tare may be written while the axis is enabled [1/256 count] */
-  int16_t open_loop_code; /* DAC code that is output in open-loop mode; in excitation mode, mean value of the output [code] */
+  int32_t tare_band; /* largest permitted magnitude of force_tare. With 0 there is no limit, and force_tare may be written while the axis is enabled [1/256 count] */
+  int16_t open_loop_code; /* DAC code of the output in open-loop mode; mean of the output in excitation mode [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is distributed uniformly between the negative and the positive amplitude [code] */
   uint16_t excitation_seed; /* start value of the excitation waveform: seed of the noise, or start phase of the sine in 1/65536 turn [1] */
-  uint16_t excitation_hold; /* number of ticks for which each noise value is output, which limits the bandwidth of the noise; a new number acts from the next noise value on [tick] */
-  uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
+  uint16_t excitation_hold; /* number of ticks for which each noise value is output; a larger number reduces the bandwidth of the noise. A new number acts from the next noise value on [tick] */
+  uint16_t force_gain; /* proportional gain k_f of the force law: codes per count of force error [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code at zero force: 0 for an unsigned code, 2^(adc_bits-1) for a signed code [1] */
   uint16_t position_gain; /* gain k_p of the position law. With 0 the axis does not move in the position, velocity and homing modes, nor in the approach of force modes 4 and 10 [1/256 code/count] */
-  uint16_t velocity_gain; /* gain k_d of the position law, by which the velocity in counts per tick is multiplied [1/256 code tick/count] */
+  uint16_t velocity_gain; /* velocity gain k_d of the position law: DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
   uint16_t drive_on_ticks_max; /* largest number of ticks from the enabling of the amplifier until the drive on the bus reports that it is on; a longer time causes the fault drive_not_ready [tick] */
-  uint8_t mode; /* requested native mode; a fault changes the mode to disabled [enum] */
+  uint8_t mode; /* requested native mode (not a CiA 402 mode of operation); a fault sets this mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
   int8_t force_sign; /* sign of the measured force, +1 or -1; with the correct sign a compression gives a positive measured force [1] */
   uint8_t adc_bits; /* resolution of both ADC channels in bits; an ADC code of 2^adc_bits or more is a fault [1] */
-  uint8_t dac_bits; /* resolution of the output in bits: the smallest step of the output is 2^(12-dac_bits) DAC codes. More than 12 bits need a drive on a bus or a board with such a DAC [1] */
+  uint8_t dac_bits; /* resolution of the output in bits; the smallest step of the output is 2^(12-dac_bits) DAC codes. More than 12 bits need a drive on a bus, or a board whose DAC has that resolution [1] */
   uint8_t profile_enable; /* type of the motion to a new position set-point: a step of the set-point, or a profile with a trapezoidal speed [enum] */
-  uint8_t latency_ticks; /* number of ticks from reading the sensors to the output of the DAC code that is computed from these sensor values [tick] */
-  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias. After a change of mode or gain, this bias keeps the output continuous; in each tick the bias is reduced by the fraction 2^-n of its value. 0 means no bias [1] */
+  uint8_t latency_ticks; /* number of ticks between a reading of the sensors and the output of the DAC code that is computed from it [tick] */
+  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias, which keeps the output continuous after a change of mode or gain. In each tick this bias is reduced by the fraction 2^-n of its value. 0 means no bias [1] */
   uint8_t position_age_max; /* largest permitted age of the encoder count while a mode is active; a larger age causes the fault position_old [tick] */
   uint8_t force_age_max; /* largest permitted age of the ADC code of the force sensor while a mode is active; a larger age causes the fault force_old [tick] */
 } axis_params_t;
@@ -199,17 +199,17 @@ typedef struct {
   int32_t position; /* encoder count of the axis, modulo 2^32 [count] */
   int32_t velocity; /* difference of the last two encoder counts [count/tick] */
   int32_t force; /* measured force after zero code, sign and tare, in counts of an 8-bit ADC [1/256 count] */
-  int32_t profile_position; /* set-point of the position law; outside position mode, the position of the axis [count] */
+  int32_t profile_position; /* set-point of the position law in position mode; in other modes, the position of the axis [count] */
   int32_t profile_velocity; /* speed of the trapezoidal profile [1/65536 count/tick] */
   int32_t position_error; /* profile_position minus position, modulo 2^32 [count] */
-  int32_t bump_bias; /* bias that is added to the output now, so that the output is continuous after a change of mode or gain [1/65536 code] */
+  int32_t bump_bias; /* bias that is added to the output after a change of mode or gain, so that the output stays continuous; the bias decays to 0 [1/65536 code] */
   int32_t force_integral; /* output of the integral action of the force law [1/65536 code] */
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
   int16_t dac_code; /* DAC code that was output in the latest tick [code] */
   int16_t dac_fine; /* output of the latest tick with all dac_bits; dac_code is this output rounded to a whole code [1/16 code] */
   int16_t command_code; /* DAC code that the control law computed in the latest tick, before any limit; with latency_ticks 1 this code is output one tick later [code] */
-  uint8_t active_mode; /* native mode that was active in the latest tick [enum] */
+  uint8_t active_mode; /* native mode (not the CiA 402 mode of operation) that was active in the latest tick [enum] */
   uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
   uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */
   uint8_t digital_inputs; /* levels of the digital inputs, one bit for each input: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */

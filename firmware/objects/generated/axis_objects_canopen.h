@@ -207,10 +207,10 @@ typedef struct {
   uint32_t consumer_heartbeat[4]; /* node whose heartbeat the axis monitors: node id in bits 16 to 22, longest time between two heartbeats in ms in bits 0 to 15 [1] */
   uint32_t configuration_date; /* day on which the configuration was verified, in days since 1984-01-01; a change of a stored parameter sets the day to 0 [1] */
   uint32_t configuration_time; /* time at which the configuration was verified, in ms since midnight; a change of a stored parameter sets the time to 0 [1] */
-  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients: bit 31 the COB-ID is not valid [1] */
-  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients: bit 31 the COB-ID is not valid [1] */
-  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients: bit 31 the COB-ID is not valid [1] */
-  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests that a gateway sends to the axis for its Modbus clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers that the axis sends to a gateway for its Modbus clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests that a gateway sends to the axis for its LCM clients: bit 31 the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers that the axis sends to a gateway for its LCM clients: bit 31 the COB-ID is not valid [1] */
   uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO: bit 31 the RPDO is not valid [1] */
   uint32_t rpdo_mapping[32]; /* mapped object of the RPDO: index, sub-index and length in bits [1] */
   uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO: bit 30 no remote request, always 1, bit 31 the TPDO is not valid [1] */
@@ -225,22 +225,22 @@ typedef struct {
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
   uint8_t rpdo_transmission[4]; /* transmission type of the RPDO: with 0 to 240 the received values act at the next SYNC, with 254 and 255 immediately [1] */
   uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; must be 0 while a master writes rpdo_mapping [1] */
-  uint8_t tpdo_transmission[4]; /* transmission type of the TPDO: with 0 the axis sends the TPDO at the SYNC after a change of a mapped value, with 1 to 240 at every n-th SYNC, with 254 and 255 at a change of a mapped value and by the event timer [1] */
-  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC message with which the TPDO begins to count SYNC messages; 0 means any counter value; has no effect if SYNC messages have no counter [1] */
+  uint8_t tpdo_transmission[4]; /* transmission type of the TPDO. 0: sent at the SYNC after a change of a mapped value. 1 to 240: sent at every n-th SYNC. 254 and 255: sent at a change of a mapped value and by the event timer [1] */
+  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC message with which the TPDO begins to count SYNC messages; 0 means any counter value. It has no effect if SYNC messages have no counter [1] */
   uint8_t tpdo_mapped[4]; /* number of mapped objects of the TPDO; must be 0 while a master writes tpdo_mapping [1] */
 } canopen_params_t;
 
 typedef struct {
-  uint32_t device_type; /* device type by CiA 402: a servo drive [1] */
+  uint32_t device_type; /* device type by CiA 402; this device is a servo drive [1] */
   uint32_t error_history[8]; /* emergency messages, the latest first: error code in bits 0 to 15, fault in bits 16 to 23; an SDO read of an empty entry is refused [1] */
   uint32_t vendor_id; /* vendor number assigned by CiA; 0 means that none is assigned [1] */
-  uint32_t product_code; /* product number of the device: one axis with force control [1] */
+  uint32_t product_code; /* product number of the device; this device is one axis with force control [1] */
   uint32_t revision_number; /* revision of the device: major number in the upper 16 bits, minor number in the lower 16 bits [1] */
-  uint32_t serial_number; /* serial number of the device, from the code for the board [1] */
-  uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
-  uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
-  uint32_t program_crc[2]; /* CRC-32 of a firmware image: sub-index 1 of the image that runs, sub-index 2 of the image in the other slot; 0 if the slot has no complete image [1] */
-  uint32_t program_flash_status; /* result of the last firmware download by CiA 302-3: bits 1 to 7 have the number of an error, which program_refusal names: bit 0 a download is in progress [1] */
+  uint32_t serial_number; /* serial number of the device, which the board reports [1] */
+  uint32_t sdo_server_receive; /* COB-ID of SDO requests that a CANopen master sends to the axis [1] */
+  uint32_t sdo_server_transmit; /* COB-ID of SDO answers that the axis sends to a CANopen master [1] */
+  uint32_t program_crc[2]; /* CRC-32 of a firmware image. Sub-index 1: the image that runs; sub-index 2: the image in the other slot of the flash memory; 0 if this slot has no complete image [1] */
+  uint32_t program_flash_status; /* result of the last firmware download by CiA 302-3; bits 1 to 7 are an error number, which program_refusal names: bit 0 a download is in progress [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
   uint8_t error_register; /* CiA 301 error register: one bit for each kind of error that is present: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */

@@ -442,51 +442,51 @@ enum {
 };
 
 typedef struct {
-  uint32_t drive_target_num; /* target that the drive receives for the DAC code drive_target_den, in units of the drive; acts after the next power-up [1] */
-  uint32_t drive_target_den; /* DAC code for which the drive receives the target drive_target_num; acts after the next power-up [code] */
-  uint32_t drive_target_max; /* largest magnitude of the target in units of the drive, at most 32767 for torque; acts after the next power-up [1] */
-  uint32_t cycle_program; /* number of the cycle program that is selected from the library; 0 means none; cannot be written while a cycle runs [1] */
-  uint32_t cycle_data[16]; /* bytes 4 (n - 1) to 4 n - 1 after cycle_data_offset of the cycle program that a client writes, the lowest byte first; the pieces must follow each other without a gap. A first piece that is the head of an update begins an update of the firmware. After a write of cycle_curve_first: points of the curve [1] */
-  uint32_t cycle_curve_step_travel; /* change of the travel after which the curve of a cycle gets its next point, unless the step of force or of time is reached before; 0 means that the travel alone gives no point; acts from the next cycle on [count] */
+  uint32_t drive_target_num; /* target in units of the drive that the drive receives if the DAC code is drive_target_den; acts after the next power-up [1] */
+  uint32_t drive_target_den; /* DAC code at which the drive receives the target drive_target_num; acts after the next power-up [code] */
+  uint32_t drive_target_max; /* largest magnitude of the target that the drive receives, in units of the drive; at most 32767 for torque; acts after the next power-up [1] */
+  uint32_t cycle_program; /* number of the cycle program that is selected from the library; 0 means none. It cannot be written while a cycle runs [1] */
+  uint32_t cycle_data[16]; /* bytes 4 (n - 1) to 4 n - 1 of a piece of a cycle program, lowest byte first. The piece begins at cycle_data_offset and must follow the one before without a gap. A first piece that is the head of a firmware image begins an update of the firmware. After a write of cycle_curve_first, these objects show points of the curve [1] */
+  uint32_t cycle_curve_step_travel; /* change of the travel after which the curve of a cycle gets its next point, unless the step of force or of time comes earlier; 0 means that the travel alone gives no point; acts from the next cycle on [count] */
   uint32_t cycle_curve_step_force; /* change of the measured force after which the curve of a cycle gets its next point; 0 means that the force alone gives no point; acts from the next cycle on [1/256 count] */
-  uint32_t cycle_result_number; /* number of the pressed part whose result the objects cycle_result_ show; 0: the last part [1] */
-  uint32_t cycle_acknowledge; /* a write of the number of a pressed part acknowledges the result of this part, so that the axis need not keep the result; every bus may write this object; 0 acknowledges nothing [1] */
-  uint32_t cycle_serial[4]; /* 4 bytes of the serial number of the next part, the lowest byte first; unused bytes are 0. The start of a cycle uses the number and sets these objects to 0 [1] */
-  uint16_t watchdog; /* longest time between two writes of an owner that is not canopen; after a longer time the owner is lost. Writes to objects that every bus may write do not restart this time [ms] */
-  uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
-  uint16_t drive_bit_rate; /* bit rate of the CAN bus of the drive, a rate of CiA 301 that the board supports; acts after the next power-up [kbit/s] */
-  uint16_t drive_lacks; /* objects and status bits that the drive does not have, so that the axis does not use them; the drive must then have the same effect by its own settings; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 6 a mapping in 1600h that can be changed, bit 7 1400h:2, bit 8 a mapping in 1A00h that can be changed, bit 9 1800h:2, bit 10 6060h, bit 11 6077h, bit 12 bit 30 of 1800h:1, bit 13 bit 9 of the statusword, bit 14 bit 12 of the statusword [1] */
-  uint16_t drive_differs; /* objects for which the drive may report another value than the axis has written; mappings must always be equal; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 7 1400h:2, bit 9 1800h:2, bit 10 6060h [1] */
-  uint16_t drive_wait; /* longest wait for the boot-up message of the drive, for its first TPDO, and until it reports that it is on; acts after the next power-up [ms] */
+  uint32_t cycle_result_number; /* number of the pressed part whose result the objects with the prefix cycle_result_ show; 0 means the last part [1] */
+  uint32_t cycle_acknowledge; /* a write of the number of a pressed part acknowledges the result of this part, so that the axis need not keep it any longer; every bus may write this object; 0 acknowledges nothing [1] */
+  uint32_t cycle_serial[4]; /* 4 bytes of the serial number of the next part, lowest byte first; unused bytes are 0. A cycle takes the serial number over when it starts, and these objects become 0 [1] */
+  uint16_t watchdog; /* longest time between two writes of the owner, if the owner is modbus or lcm; after a longer time the axis has lost its owner. Writes to objects that every bus may write do not restart this time [ms] */
+  uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a CiA 301 bit rate that the board supports [kbit/s] */
+  uint16_t drive_bit_rate; /* bit rate of the CAN bus of the drive; must be a CiA 301 bit rate that the board supports; acts after the next power-up [kbit/s] */
+  uint16_t drive_lacks; /* objects and status bits that the drive does not have and that the axis therefore does not use; the settings of the drive must have the same effect; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 6 a mapping in 1600h that can be changed, bit 7 1400h:2, bit 8 a mapping in 1A00h that can be changed, bit 9 1800h:2, bit 10 6060h, bit 11 6077h, bit 12 bit 30 of 1800h:1, bit 13 bit 9 of the statusword, bit 14 bit 12 of the statusword [1] */
+  uint16_t drive_differs; /* objects of which the axis accepts a read value that differs from the value that it has written; mappings must always be equal; acts after the next power-up: bit 0 1005h, bit 1 1006h, bit 2 60C2h, bit 3 6007h, bit 4 1016h, bit 5 1017h, bit 7 1400h:2, bit 9 1800h:2, bit 10 6060h [1] */
+  uint16_t drive_wait; /* longest wait for each report of the drive: its boot-up message, its first TPDO, and the state that it is on; acts after the next power-up [ms] */
   uint16_t drive_sdo_timeout; /* longest wait for the answer of the drive to an SDO request; a request without an answer is repeated once; acts after the next power-up [ms] */
-  uint16_t drive_quick_stop; /* longest time for which the axis commands a quick stop of the drive before it disables the voltage; the time ends earlier if the drive leaves the quick stop by itself; acts after the next power-up [ms] */
-  uint16_t drive_heartbeat; /* period of the heartbeats that the drive and the axis send to each other, shorter than drive_heartbeat_timeout; acts after the next power-up [ms] */
-  uint16_t drive_heartbeat_timeout; /* time after which the axis stops without a heartbeat of the drive, and the drive stops without a heartbeat of the axis; acts after the next power-up [ms] */
-  int16_t drive_abort_option; /* reaction of the drive to a missing heartbeat of the axis, as in object 6007h of the drive; 3 is a quick stop; acts after the next power-up [1] */
-  uint16_t cycle_data_offset; /* offset in bytes of cycle_data_1 in the cycle program that a client writes piece by piece, at most 4092; 0 begins a new program. In an update of the firmware: offset modulo 65536 [1] */
+  uint16_t drive_quick_stop; /* longest duration of a quick stop of the drive before the axis disables the voltage; the time ends earlier if the drive leaves the quick stop by itself; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat; /* period of the heartbeats between axis and drive, in both directions; shorter than drive_heartbeat_timeout; acts after the next power-up [ms] */
+  uint16_t drive_heartbeat_timeout; /* longest time without a heartbeat in either direction: the axis stops if the heartbeat of the drive is missing, the drive stops if the heartbeat of the axis is missing; acts after the next power-up [ms] */
+  int16_t drive_abort_option; /* reaction of the drive to a missing heartbeat of the axis; its numbers are those of object 6007h of the drive, and 3 is a quick stop; acts after the next power-up [1] */
+  uint16_t cycle_data_offset; /* offset in bytes, at most 4092, at which cycle_data_1 lies in a cycle program that a client writes in pieces; 0 begins a new program. For an update of the firmware, the offset modulo 65536 [1] */
   uint16_t cycle_curve_step_time; /* time after which the curve of a cycle gets its next point; 0 means that the time alone gives no point; acts from the next cycle on [tick] */
-  uint16_t cycle_curve_first; /* a write of the number of a point, from 0, makes cycle_data show this point of the curve and the next four: three words for each point as in cycle_curve_data, 0 beyond the last point; not while a cycle runs [1] */
+  uint16_t cycle_curve_first; /* a write of the number of a point of the curve makes cycle_data show this point and the next four, in three 32-bit words each, as in cycle_curve_data. The first point is 0. Words beyond the last point are 0. Not while a cycle runs [1] */
   uint16_t cycle_bad_in_row_max; /* number of consecutive bad or aborted parts after which no cycle starts until cycle_unlock is written; 0 means off [1] */
   uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner if it writes its own number to this object while the axis is disabled. The owner may make another bus the owner by writing the number of that bus [enum] */
   uint8_t unsupervised_owner; /* reaction if a CANopen master enables the axis although the axis monitors neither the heartbeat of the master nor an RPDO [enum] */
   uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id, 1 to 127, that the axis uses after the next reset of the node if the board has no pins that select a node id, or if they select none [1] */
+  uint8_t stored_node_id; /* node id, 1 to 127, that the axis uses after the next reset of the node; without effect if pins of the board select a node id [1] */
   uint8_t blackbox_option; /* on: the black box keeps the signals of the last second before an error, as long as no recording is active [enum] */
   uint8_t drive_node_id; /* CANopen node id of a CiA 402 drive on the second CAN bus of the board; 0: the axis has an amplifier for +-10 V; acts after the next power-up [1] */
   uint8_t drive_mode; /* cyclic synchronous mode (CiA 402) in which the drive runs; acts after the next power-up [1] */
-  uint8_t drive_cycle; /* period of SYNC on the CAN bus of the drive, a multiple of 2 ms, which are 3 ticks; acts after the next power-up [2 ms] */
-  uint8_t drive_target_acts; /* instant at which the drive applies a received target, given as the transmission type of its RPDO: on reception (255), or at the next SYNC (1); acts after the next power-up [enum] */
+  uint8_t drive_cycle; /* period of the SYNC messages on the CAN bus of the drive; a multiple of 2 ms (3 ticks); acts after the next power-up [2 ms] */
+  uint8_t drive_target_acts; /* instant at which the drive applies a received target: on reception (RPDO transmission type 255), or at the next SYNC (type 1); acts after the next power-up [enum] */
   uint8_t force_converter; /* converter that measures the force: the ADC of the board, or a 24-bit converter on the SPI bus of the board; acts after the next power-up [enum] */
   uint8_t force_converter_gain; /* amplification in the 24-bit converter; the AD7193 has no x2 and x4, the ADS1256 has no x128; acts after the next power-up [enum] */
-  uint8_t cycle_result_element; /* number, from 0, of the evaluation element whose result the objects cycle_result_value, cycle_result_verdict and cycle_result_tick show [1] */
+  uint8_t cycle_result_element; /* number of the evaluation element that the objects cycle_result_value, cycle_result_verdict and cycle_result_tick show; the first element is 0 [1] */
   uint8_t cycle_lock_on_bad; /* 1: no cycle starts while the result of a bad or aborted part waits for its acknowledgement [enum] */
   uint8_t cycle_program_lock; /* 1: the axis accepts no download and no removal of a cycle program [enum] */
 } device_params_t;
 
 typedef struct {
-  uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table: addresses, names, types, units, scales, ranges, access and names of values [1] */
-  uint32_t store_change[8]; /* a parameter with a difference that store_change_count contains, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
-  uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
+  uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table; it covers addresses, names, types, units, scales, ranges, access and names of values [1] */
+  uint32_t store_change[8]; /* one of the parameters that store_change_count counts, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
+  uint32_t incident_tick; /* value of tick_count at the incident. For an incident without a fault, it is the value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
   uint32_t drive_failed_object; /* object of the drive whose SDO transfer failed and caused drive_reason, as index times 256 plus sub-index; 0 means none [1] */
   uint32_t drive_abort_code; /* SDO abort code with which the drive refused the transfer of drive_failed_object; 0 means none [1] */
@@ -496,35 +496,35 @@ typedef struct {
   uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
   uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault; valid only if CFSR marks the address as valid [1] */
   uint32_t cycle_program_crc; /* CRC-32 of the selected cycle program; 0 if none is selected [1] */
-  int32_t cycle_result_value; /* value of the selected evaluation element: a force in 1/256 count, a travel in encoder counts, a time in ticks; 0 without a value [1] */
-  uint32_t cycle_result_tick; /* value of tick_count at the sample from which the value of the evaluation element comes; 0 without a value [tick] */
-  uint32_t cycle_number; /* number of the last pressed part; after a power cut the numbers continue from the number that was stored last [1] */
-  uint32_t cycle_power_up; /* number of power-ups at which the axis had cycle programs; this number and cycle_number together identify a pressed part; 0 without a parameter store [1] */
+  int32_t cycle_result_value; /* value of the selected evaluation element, 0 without a value. A force is in 1/256 count, a travel in encoder counts, a time in ticks [1] */
+  uint32_t cycle_result_tick; /* value of tick_count at the sample that gave the value of the selected evaluation element; 0 without a value [tick] */
+  uint32_t cycle_number; /* number of the last pressed part; after a power cut the axis continues from the number that was stored last [1] */
+  uint32_t cycle_power_up; /* number of power-ups of the axis with cycle programs. This number and cycle_number together identify a pressed part. 0 without a parameter store [1] */
   uint32_t cycle_parts_good; /* number of good parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_bad; /* number of bad parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_aborted; /* number of aborted parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_result_part; /* number of the part whose result is shown; 0: the axis has no such result [1] */
-  uint32_t cycle_result_power_up; /* value of cycle_power_up when the part whose result is shown was pressed [1] */
+  uint32_t cycle_result_part; /* number of the pressed part whose result the objects with the prefix cycle_result_ show; 0 means that the axis does not have the requested result [1] */
+  uint32_t cycle_result_power_up; /* value of cycle_power_up at the time when the part whose result is shown was pressed [1] */
   uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the part whose result is shown was pressed [1] */
-  uint32_t cycle_result_bank_crc; /* CRC-32 of the filter bank of the force law that was active when the part whose result is shown was begun; 0 without a filter bank, or if contact_unstable_option had halved the gain [1] */
-  uint32_t cycle_result_invalid; /* number of samples of the part whose result is shown that are in evaluated phases and not valid; 0 for a good part [tick] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the filter bank of the force law at the start of the part whose result is shown; 0 without a filter bank, or if contact_unstable_option had halved the gain [1] */
+  uint32_t cycle_result_invalid; /* number of invalid samples in the evaluated phases of the part whose result is shown; 0 for a good part [tick] */
   uint32_t cycle_result_begin; /* value of tick_count at which the cycle of the part whose result is shown started [tick] */
   uint32_t cycle_result_duration; /* duration of the cycle of the part whose result is shown [tick] */
   uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the part whose result is shown, the lowest byte first [1] */
-  uint32_t cycle_lost_first; /* number of the first part whose result a power cut has erased: results that waited for their acknowledgement when the axis last stored its counts; 0: none [1] */
-  uint32_t cycle_lost_last; /* number of the last part whose result a power cut has erased; see cycle_lost_first [1] */
-  uint16_t store_change_count; /* number of differences between the stored parameter set and the object table of this firmware: parameters that were discarded because their meaning has changed, and parameters that keep the default of the earlier firmware [1] */
+  uint32_t cycle_lost_first; /* number of the first pressed part whose result a power cut has erased. Results count as erased if they were not acknowledged when the axis last stored its part numbers. 0 means none [1] */
+  uint32_t cycle_lost_last; /* number of the last pressed part whose result a power cut has erased; see cycle_lost_first [1] */
+  uint16_t store_change_count; /* number of differences between the stored parameter set and the object table of this firmware. Counted are parameters that were discarded because their meaning has changed, and parameters that keep the default of the earlier firmware [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
   uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
   uint16_t incident_error_code; /* value of error_code at the incident [1] */
   uint16_t incident_later; /* number of errors after the incident [1] */
   uint16_t drive_error_code; /* error code of the last emergency message of the drive on the second CAN bus; 0 means none [1] */
-  uint16_t board_state; /* errors that the board has found in itself: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
-  int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
-  uint16_t flash_corrected; /* number of reads of the flash memory in which its error correction corrected a wrong bit, since the last reset of the processor; consecutive reads within a tick are one read here; always 0 on a chip without error correction [1] */
-  uint16_t tick_time_max; /* longest time from the begin of a tick to its end since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
-  uint16_t tick_late_max; /* longest delay of the start of a tick since the last reset of the processor, measured by the board. A tick that did not run has no delay; overruns counts it [us] */
+  uint16_t board_state; /* hardware errors that the board has detected: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
+  int16_t tick_deviation; /* relative change of the length of a tick since power-up, measured with a second clock [1/1000 1] */
+  uint16_t flash_corrected; /* number of reads of the flash memory in which its error correction corrected a wrong bit, since the last reset of the processor. Consecutive such reads within a tick count as one. Always 0 on a chip without error correction [1] */
+  uint16_t tick_time_max; /* longest duration of a tick since the last reset of the processor, measured by the board; 0 if the board does not measure it [us] */
+  uint16_t tick_late_max; /* longest delay of the start of a tick since the last reset of the processor, measured by the board. Ticks that were missed are not included; overruns counts them [us] */
   uint16_t cycle_curve_points; /* number of points in the curve of the cycle that runs, or of the last cycle [1] */
   uint16_t cycle_bits; /* state of the cycle, of the results and of the locks, one bit for each: bit 0 ready, bit 1 busy, bit 2 the last part is good, bit 3 bad, bit 4 aborted, bit 5 a result waits for its acknowledgement, bit 6 locked, bit 7 results full [1] */
   uint16_t cycle_bad_in_row; /* number of consecutive bad or aborted parts at present [1] */
@@ -532,22 +532,22 @@ typedef struct {
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
   uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault that caused the incident [enum] */
-  uint8_t incident_stored; /* state of the incident that is kept over a power cut: the first one after power-up, and at most one in 24 hours [enum] */
+  uint8_t incident_stored; /* state of the incident that is kept over a power cut. The first incident after power-up is kept, but at most one in 24 hours [enum] */
   uint8_t drive_reason; /* reason of the first failure of the drive on the second CAN bus since the last reset of the drive [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor; 0 means not known: bit 1 brown-out, bit 2 reset pin, bit 3 power-up, bit 4 software, bit 5 watchdog, bit 6 window watchdog, bit 7 low power [1] */
-  uint8_t can_state; /* state of the CAN controller: active; passive, because many frames were not acknowledged or were damaged; off, because the controller has left the bus [enum] */
+  uint8_t can_state; /* state of the CAN controller. active: normal operation. passive: many frames were damaged or not acknowledged. off: the controller has left the bus [enum] */
   uint8_t cycle_program_count; /* number of cycle programs in the library of the axis [1] */
   uint8_t cycle_program_refusal; /* reason why the last downloaded cycle program was refused. busy: a cycle was running; no_room: the library is full; no_number: the number of the program is 0; wrong_zero: the zero point of the travel is not valid; wrong_header: the curve of compliance or the outputs that stay on are not valid; locked: cycle_program_lock is on [enum] */
-  uint8_t cycle_program_refused_part; /* number, from 0, of the phase or evaluation element because of which the last downloaded cycle program was refused [1] */
+  uint8_t cycle_program_refused_part; /* number of the phase or evaluation element because of which the last downloaded cycle program was refused; the first has number 0 [1] */
   uint8_t cycle_result_verdict; /* verdict on the selected evaluation element; none: no cycle has ended yet, or the program has no such element [enum] */
-  uint8_t cycle_curve_thinned; /* number of times that the memory of the curve was full; each time, every second point was dropped and the steps were doubled [1] */
+  uint8_t cycle_curve_thinned; /* number of times that the curve was thinned: whenever its memory was full, every second point was dropped and the steps were doubled [1] */
   uint8_t cycle_results_waiting; /* number of results that wait for their acknowledgement; if the memory for results is full, no cycle starts [1] */
-  uint8_t cycle_result_state; /* verdict on the part whose result is shown; coded as cycle_state [enum] */
-  uint8_t cycle_result_outcome; /* how the cycle of the part whose result is shown has ended; coded as cycle_outcome [enum] */
-  uint8_t cycle_result_phase; /* number, from 0, of the last phase of the part whose result is shown; after a failure, number of the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
-  uint8_t cycle_store_state; /* whether the cycle programs and the numbers of pressed parts are stored. waiting: the axis stores them once it is disabled; failed: the last write failed, or the parameters must be saved or restored first [enum] */
-  uint8_t program_refusal; /* reason why the last update of the firmware was refused; the first six reasons leave the slot unchanged [enum] */
-  uint8_t program_state; /* state of the firmware image that runs; trial: the image is not confirmed yet, and after four restarts the earlier image runs again [enum] */
+  uint8_t cycle_result_state; /* verdict on the part whose result is shown, with the values of cycle_state [enum] */
+  uint8_t cycle_result_outcome; /* how the cycle of the part whose result is shown ended, with the values of cycle_outcome [enum] */
+  uint8_t cycle_result_phase; /* number of the last phase of the part whose result is shown; the first phase is 0. After a failure it is the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
+  uint8_t cycle_store_state; /* whether the cycle programs and the numbers of pressed parts are stored. waiting: the axis stores them as soon as it is disabled. failed: the last write to the memory failed, or the parameters must be saved or restored first [enum] */
+  uint8_t program_refusal; /* reason why the last update of the firmware was refused; no_update to not_confirmed leave the slot of the flash memory unchanged [enum] */
+  uint8_t program_state; /* state of the running firmware image. trial: the image is not confirmed yet, and after four restarts the earlier image runs again [enum] */
   uint8_t program_slot; /* slot of the flash memory that has the running firmware image [enum] */
 } device_signals_t;
 

@@ -493,42 +493,42 @@ enum {
 
 typedef struct {
   uint32_t following_error_window; /* largest permitted following error; 4294967295 means off [count] */
-  uint32_t position_window; /* distance from the target position within which the drive reports the target as reached [count] */
+  uint32_t position_window; /* largest distance from the target position at which the drive reports the target position as reached [count] */
   int32_t target_position; /* position to which the axis shall move [count] */
   int32_t home_offset; /* user position that the reference position has after homing [count] */
   int32_t position_limit_min; /* smallest target position; the drive replaces a smaller target by this limit. The smallest i32 value, -2147483648, means no limit. The force modes ignore this limit and use position_min (2016h) [count] */
   int32_t position_limit_max; /* largest target position; the drive replaces a larger target by this limit. The largest i32 value, 2147483647, means no limit. The force modes ignore this limit and use position_max (2017h) [count] */
-  uint32_t encoder_increments; /* number of encoder counts while the motor turns encoder_revolutions times [count] */
-  uint32_t encoder_revolutions; /* number of motor revolutions that give encoder_increments encoder counts [1] */
-  uint32_t gear_motor_revolutions; /* number of motor revolutions while the driving shaft of the gear turns gear_shaft_revolutions times [1] */
-  uint32_t gear_shaft_revolutions; /* number of revolutions of the driving shaft of the gear while the motor turns gear_motor_revolutions times [1] */
-  uint32_t feed; /* number of user units by which the axis moves while the driving shaft turns feed_shaft_revolutions times; with 0 the user unit is the encoder count [1] */
-  uint32_t feed_shaft_revolutions; /* number of revolutions of the driving shaft while the axis moves by the distance feed [1] */
+  uint32_t encoder_increments; /* number of encoder counts per encoder_revolutions turns of the motor [count] */
+  uint32_t encoder_revolutions; /* number of turns of the motor that give encoder_increments encoder counts [1] */
+  uint32_t gear_motor_revolutions; /* number of turns of the motor per gear_shaft_revolutions turns of the driving shaft of the gear [1] */
+  uint32_t gear_shaft_revolutions; /* number of turns of the driving shaft of the gear per gear_motor_revolutions turns of the motor [1] */
+  uint32_t feed; /* travel of the axis in user units per feed_shaft_revolutions turns of the driving shaft; with 0 the user unit is the encoder count [1] */
+  uint32_t feed_shaft_revolutions; /* number of turns of the driving shaft in which the axis moves by the distance feed [1] */
   uint32_t position_unit; /* code of the user unit of position by CiA 303-2, for example 0xFA010000 for um; has no effect on values [1] */
   uint32_t velocity_unit; /* code of the user unit of velocity by CiA 303-2, for example 0xFA010300 for um/s; has no effect on values [1] */
   uint32_t velocity_max; /* largest magnitude of every target velocity and profile velocity [count/s] */
   uint32_t trajectory_velocity; /* largest speed of a motion in profile position mode [count/s] */
-  uint32_t trajectory_acceleration; /* acceleration in the profile modes [count/s^2] */
-  uint32_t trajectory_deceleration; /* deceleration in the profile modes and of the slow-down ramp [count/s^2] */
+  uint32_t trajectory_acceleration; /* acceleration of motions in the profile modes [count/s^2] */
+  uint32_t trajectory_deceleration; /* deceleration of motions in the profile modes and of the slow-down ramp [count/s^2] */
   uint32_t quick_stop_deceleration; /* deceleration of the quick-stop ramp [count/s^2] */
   int32_t target_velocity; /* velocity that the axis shall reach [count/s] */
-  int32_t velocity_offset; /* velocity that the cyclic modes of position and velocity add to the velocity demand [count/s] */
-  uint32_t rated_force; /* rated force: the force that corresponds to 1000 per mille [mN] */
-  uint32_t force_slope; /* largest rate at which mode 4 changes the demanded force [per mille/s] */
+  int32_t velocity_offset; /* velocity that is added to the velocity demand in the cyclic synchronous position and velocity modes [count/s] */
+  uint32_t rated_force; /* force that corresponds to 1000 per mille in all objects with a force in per mille [mN] */
+  uint32_t force_slope; /* largest rate at which the demanded force changes in mode 4 (profile force) [per mille/s] */
   uint32_t force_scale; /* force that one count of an 8-bit ADC represents [uN] */
   uint32_t approach_velocity_max; /* largest speed of the approach in the force modes [count/s] */
   uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, in force counts per encoder count [1/65536 count/count] */
   uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, in force counts per (encoder count per tick) [1/256 count tick/count] */
   uint32_t homing_travel; /* largest permitted distance of the axis from the start of homing [count] */
   uint32_t homing_timeout; /* longest permitted duration of homing [ms] */
-  uint32_t homing_retract; /* distance by which homing on contact moves back from the first contact [count] */
-  uint32_t homing_speed[2]; /* speeds of homing: the first speed for the search of the switch, the second, lower speed for the search of the reference position [count/s] */
+  uint32_t homing_retract; /* distance by which the axis moves back from the first contact during homing on contact [count] */
+  uint32_t homing_speed[2]; /* speeds of homing: the first is for the search of the switch; the second is lower and for the search of the reference position [count/s] */
   uint32_t homing_acceleration; /* acceleration and deceleration of the axis during homing [count/s^2] */
-  int32_t interpolation_setpoint; /* target position of the cyclic position mode, a second address of target_position: a write to either object changes both objects [count] */
+  int32_t interpolation_setpoint; /* target position of the cyclic position mode. This object is a second address of target_position, so a write to either object changes both [count] */
   int32_t excitation_force_max; /* largest measured force during the excitation; a larger force ends the excitation in the same tick [1/256 count] */
   int32_t excitation_force_min; /* smallest measured force during the excitation; a smaller force ends the excitation in the same tick [1/256 count] */
   uint32_t excitation_travel; /* largest distance from the position at the start of the excitation; a larger distance ends the excitation in the same tick; 0 means off [count] */
-  uint32_t touch_velocity_max; /* largest speed before contact in modes -1, -6, -7 and -8, which have no approach of their own; 0 means off [count/s] */
+  uint32_t touch_velocity_max; /* largest speed before contact in modes -1, -6, -7 and -8; these modes have no approach with a speed limit of its own; 0 means off [count/s] */
   uint32_t contact_travel_max; /* largest travel in the direction of pressing after the first contact in a force mode; a larger travel causes the fault contact_travel; 0 means off [count] */
   uint32_t approach_timeout; /* longest time for which a force mode may approach or press without contact; a longer time causes the fault no_contact; 0 means off [ms] */
   uint32_t approach_travel_max; /* largest travel without contact in a force mode; a larger travel causes the fault no_contact; 0 means off [count] */
@@ -537,63 +537,63 @@ typedef struct {
   uint32_t motion_shaper_amplitude[3]; /* amplitudes of the impulses of the motion shaper; the sum of the amplitudes must be 65536 [1/65536 1] */
   int32_t force_jump_max; /* largest permitted change of the ADC code of the force from one tick to the next; a larger change causes the fault force_jump; 0 means off [1/256 count] */
   int32_t tare_noise; /* largest permitted difference between two ADC codes of the force during the tare measurement [1/256 count] */
-  int32_t calibration_reading[8]; /* measured force at this point of the calibration [1/256 count] */
-  int32_t calibration_force[8]; /* force that the reference sensor showed at this point of the calibration [mN] */
+  int32_t calibration_reading[8]; /* measured force at this calibration point [1/256 count] */
+  int32_t calibration_force[8]; /* force of the reference sensor at this calibration point [mN] */
   uint16_t controlword; /* CiA 402 controlword; the firmware carries out each write immediately: bit 0 switch on, bit 1 enable voltage, bit 2 no quick stop, bit 3 enable operation, bit 4 a rising edge is a new set-point, or starts homing or a cycle (modes 1, 6, -5, -9), bit 5 change to the new set-point at once (modes 1, -5), bit 6 the new set-point is relative (modes 1, -5), bit 7 a rising edge resets the fault, bit 8 halt, bit 9 no stop at a set-point if another one is buffered (modes 1, -5) [1] */
-  int16_t abort_connection_option; /* reaction to the loss of the owner: 0 none, 1 fault, 2 disable voltage, 3 quick stop [1] */
-  int16_t quick_stop_option; /* reaction to a quick stop: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable; 5 slow-down ramp, 6 quick-stop ramp, both without leaving the state quick stop active [1] */
+  int16_t abort_connection_option; /* reaction to the loss of the bus that owns the axis: 0 none, 1 fault, 2 disable voltage, 3 quick stop [1] */
+  int16_t quick_stop_option; /* reaction to a quick stop: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable; 5 slow-down ramp, then stay in the state quick stop active; 6 quick-stop ramp, then stay in this state [1] */
   int16_t shutdown_option; /* reaction to the command shutdown: 0 disable immediately; 1 slow-down ramp, then disable [1] */
   int16_t disable_operation_option; /* reaction to the command disable operation: 0 disable immediately; 1 slow-down ramp, then disable [1] */
   int16_t halt_option; /* reaction to a halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
-  int16_t fault_reaction_option; /* reaction to a fault while the sensors are valid: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable [1] */
+  int16_t fault_reaction_option; /* reaction to a fault if the sensors are valid: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable [1] */
   uint16_t following_error_timeout; /* longest time for which the following error may exceed following_error_window [ms] */
-  uint16_t position_window_time; /* time for which the position must stay within position_window before the drive reports the target as reached [ms] */
-  uint16_t velocity_window; /* difference from the target velocity within which the drive reports the target as reached [count/s] */
-  uint16_t velocity_window_time; /* time for which the velocity must stay within velocity_window before the drive reports the target as reached [ms] */
+  uint16_t position_window_time; /* time for which the position must stay within position_window before the drive reports the target position as reached [ms] */
+  uint16_t velocity_window; /* largest difference from the target velocity at which the drive reports the target velocity as reached [count/s] */
+  uint16_t velocity_window_time; /* time for which the velocity must stay within velocity_window before the drive reports the target velocity as reached [ms] */
   uint16_t velocity_threshold; /* speed below which the drive reports that the axis is at standstill [count/s] */
   uint16_t velocity_threshold_time; /* time for which the speed must stay below velocity_threshold before the drive reports that the axis is at standstill [ms] */
-  int16_t target_force; /* contact force that the axis shall reach [per mille] */
-  int16_t force_offset; /* force that modes 4 and 10 add to target_force [per mille] */
-  uint16_t force_limit; /* largest magnitude of the demanded force in both directions [per mille] */
+  int16_t target_force; /* contact force that the axis shall reach, in per mille of rated_force [per mille] */
+  int16_t force_offset; /* force that is added to target_force in the force modes 4 and 10, in per mille of rated_force [per mille] */
+  uint16_t force_limit; /* largest magnitude of the demanded force in both directions, in per mille of rated_force [per mille] */
   uint16_t force_limit_positive; /* largest demanded force in the direction of compression; force_limit bounds this force too [per mille] */
   uint16_t force_limit_negative; /* largest magnitude of the demanded force in the direction of tension; force_limit bounds this force too [per mille] */
-  uint16_t contact_loss_dwell; /* time after a contact loss for which modes 4 and 10 continue the force law, before the axis approaches again [ms] */
+  uint16_t contact_loss_dwell; /* time after a contact loss for which the force law continues in modes 4 and 10; after this time the axis approaches again [ms] */
   uint16_t contact_loss_cap; /* largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell; 2048 means no limit [code] */
   uint16_t excitation_code; /* amplitude of the excitation at the output of the force law [code] */
   uint16_t excitation_force; /* amplitude of the excitation at the force set-point [1/256 count] */
-  uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
-  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
+  uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after a start, and falls to 0 after a stop [ms] */
+  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window from which on the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If all attempts that were stopped have moved the axis by more than eight times this number together, the fault runaway occurs [count] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If all stopped attempts together have moved the axis by more than eight times this number, the fault runaway occurs [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
-  uint16_t force_stuck_travel; /* if the axis in contact moves by this travel within force_stuck_time and the ADC code of the force does not change, the fault force_stuck occurs; 0 means off [count] */
-  uint16_t force_stuck_time; /* longest time in which a travel of force_stuck_travel without a change of the ADC code of the force causes the fault force_stuck [ms] */
-  uint16_t force_disconnected_code; /* magnitude of the DAC code from which on the axis must move or be in contact; standstill without contact at this or a larger code causes the fault force_disconnected; 0 means off [code] */
+  uint16_t force_stuck_travel; /* travel of the axis in contact, within force_stuck_time, that must change the ADC code of the force. Otherwise the fault force_stuck occurs. 0 means off [count] */
+  uint16_t force_stuck_time; /* time window in which the travel of the axis is compared with force_stuck_travel; the fault force_stuck occurs if the ADC code of the force does not change in this window [ms] */
+  uint16_t force_disconnected_code; /* smallest magnitude of the DAC code at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off [code] */
   uint16_t force_disconnected_time; /* time of standstill without contact after which the fault force_disconnected occurs [ms] */
-  uint16_t force_disconnected_travel; /* largest motion within force_disconnected_time that the firmware still regards as standstill [count] */
+  uint16_t force_disconnected_travel; /* largest motion within force_disconnected_time that still counts as standstill [count] */
   uint16_t calibration_linearity_max; /* largest permitted linearity error of a calibration [1/100 per mille] */
   uint16_t calibration_date; /* day of the calibration, in days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
   uint16_t calibration_validity; /* number of days for which a calibration is valid; 0 means that a calibration does not expire [1] */
   uint16_t date; /* present day, in days since 1984-01-01, written by a master; 0 means that the day is not known [1] */
   int8_t modes_of_operation; /* requested mode of operation; negative numbers are manufacturer-specific modes [1] */
   uint8_t polarity; /* sign of positions and velocities on the bus: bit 6 velocities are negated, bit 7 positions are negated [1] */
-  uint8_t inputs_fitted; /* digital inputs that are wired; homing methods need these inputs: bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
+  uint8_t inputs_fitted; /* digital inputs that are wired; a homing method is available only if the inputs that it needs are wired: bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
   int8_t homing_method; /* method of homing: -1 contact, 17 and 18 limit switch, 19 to 22 home switch, 33 and 34 index pulse, 35 and 37 present position [1] */
   uint8_t interpolation_period; /* time between two cyclic set-points: this number times 10 to the power of interpolation_exponent, in seconds; 0 means that each set-point acts immediately [1] */
   int8_t interpolation_exponent; /* exponent n of the factor 10^n s by which interpolation_period is multiplied [1] */
   uint8_t excitation_point; /* signal to which the excitation is added: the output of the force law or the force set-point [enum] */
-  uint8_t contact_unstable_option; /* reaction to a limit cycle: a warning only; the gain of the force law is halved, at most three times, and then the fault contact_unstable occurs; or the fault contact_unstable occurs immediately [enum] */
+  uint8_t contact_unstable_option; /* reaction to a limit cycle. warn: a warning only. halve_gain: the gain of the force law is halved, at most three times; the next limit cycle causes the fault contact_unstable. fault: the fault contact_unstable occurs immediately [enum] */
   uint8_t limit_cycle_window; /* duration of the window in which contact losses are counted for limit_cycle_losses [10 ms] */
   uint8_t force_ripple_time; /* time for which the force ripple must exceed force_ripple_max before the firmware reports a limit cycle [100 ms] */
-  uint8_t force_shaper_impulses; /* number of impulses of the force shaper, which shapes the demanded force in modes 4, 10 and -1; 0 means off [1] */
+  uint8_t force_shaper_impulses; /* number of impulses of the force shaper, a filter of the demanded force in modes 4, 10 and -1; 0 means off [1] */
   uint8_t force_shaper_delay[3]; /* delays of the impulses of the force shaper in ascending order; the first delay is 0 [tick] */
-  uint8_t motion_shaper_impulses; /* number of impulses of the motion shaper, which shapes the trajectory in modes 1, 3, 8, 9 and -5 to -8; 0 means off [1] */
+  uint8_t motion_shaper_impulses; /* number of impulses of the motion shaper, a filter of the trajectory in modes 1, 3, 8, 9 and -5 to -8; 0 means off [1] */
   uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper in ascending order; the first delay is 0 [tick] */
-  uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
+  uint8_t first_motion_test; /* on: the first enabling after power-up begins with the first motion test, which checks sensors, amplifier and signs by a small motion. If no parameter set is stored, the value after power-up is on [enum] */
   uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
-  uint8_t calibration_points; /* number of calibration points; the axis uses this number of values of calibration_reading and of calibration_force, beginning with the first [1] */
-  uint8_t cycle_age_max; /* largest age of force and position at which a sample of a cycle is valid. Set at least one and less than two periods of the bus, or of a sensor that is slower than the bus; the default is for a period of 2 ms [tick] */
+  uint8_t calibration_points; /* number of calibration points. The axis uses this number of values of calibration_reading and of calibration_force, from the first on [1] */
+  uint8_t cycle_age_max; /* largest age of force and position at which a sample of a cycle is valid. Set at least one and less than two periods of the bus, or of the sensor if it is slower. The default is for a period of 2 ms [tick] */
 } drive_params_t;
 
 typedef struct {
@@ -606,27 +606,27 @@ typedef struct {
   int32_t velocity_demand; /* velocity demand of the trajectory [count/s] */
   int32_t velocity_actual; /* actual velocity of the axis, mean of the last 16 ticks [count/s] */
   uint32_t drive_inputs; /* digital inputs in the order of CiA 402: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
-  int32_t excitation_value; /* value of the excitation in this tick: in DAC codes if excitation_point is the output of the force law, in counts of the measured force if it is the force set-point [1/256 1] */
+  int32_t excitation_value; /* value of the excitation in this tick; in DAC codes if excitation_point is output, in counts of the measured force if excitation_point is setpoint [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
   int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
   int32_t first_motion_moved; /* travel in the first motion test, from standstill to the position at which the DAC code first_motion_code_reached was output [count] */
   int32_t first_motion_force; /* change of the measured force while the first motion test moved the axis away from the start position [1/256 count] */
-  uint32_t cycle_count; /* number of cycles that were started since power-up [1] */
+  uint32_t cycle_count; /* number of cycles started since power-up [1] */
   uint16_t statusword; /* CiA 402 statusword: bit 0 ready to switch on, bit 1 switched on, bit 2 operation enabled, bit 3 fault, bit 4 voltage, bit 5 no quick stop, bit 6 switch on disabled, bit 7 warning, bit 9 remote, bit 10 target reached, bit 11 internal limit, bit 12 set-point acknowledged (modes 1, -5), bit 12 speed zero (mode 3), bit 12 homing attained (mode 6), bit 12 follows command (modes 8, 9, 10, -6, -7, -8), bit 12 cycle done (mode -9), bit 13 following error (modes 1, 8, -5), bit 13 homing error (mode 6), bit 13 part not good or no cycle started (mode -9), bit 14 stopped by another source [1] */
   uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
-  int16_t force_demand; /* present set-point of the force law [per mille] */
-  int16_t force_actual; /* measured contact force [per mille] */
+  int16_t force_demand; /* present set-point of the force law, in per mille of rated_force [per mille] */
+  int16_t force_actual; /* measured contact force, in per mille of rated_force [per mille] */
   int16_t current_actual; /* measured motor current in per mille of the range of its ADC [per mille] */
   uint16_t contact_losses; /* number of contact losses since the start of force control [1] */
   int16_t first_motion_code_reached; /* DAC code at which the first motion test ended the motion away from the start position [code] */
-  uint16_t calibration_linearity; /* linearity error: largest distance of a calibration point from the straight line, in per mille of the span of the reference forces [1/100 per mille] */
+  uint16_t calibration_linearity; /* linearity error of the last calibration: largest distance of a calibration point from the straight line, in per mille of the span of the reference forces [1/100 per mille] */
   int8_t modes_of_operation_display; /* active mode of operation [1] */
   uint8_t drive_state; /* state of the CiA 402 state machine [enum] */
-  uint8_t stopped_by; /* bus that stopped the axis although another bus owns the axis. Before the owner can enable the axis again, the owner must send a controlword that does not enable the axis [enum] */
-  int8_t homing_methods[11]; /* homing methods that are available with the inputs in inputs_fitted; 0 means none [1] */
+  uint8_t stopped_by; /* bus that stopped the axis although another bus owns it. Before the owner can enable the axis again, the owner must send a controlword that does not enable the axis [enum] */
+  int8_t homing_methods[11]; /* homing methods that are available with the wired inputs (inputs_fitted); 0 means none [1] */
   uint8_t contact; /* 1 while the magnitude of the measured force is above contact_force [1] */
   uint8_t excitation_state; /* state of the excitation in a force mode, or the reason why the excitation ended or was refused [enum] */
-  uint8_t limit_cycle; /* 1 while the firmware detects a limit cycle: by limit_cycle_losses contact losses, or by a force ripple above force_ripple_max for force_ripple_time [1] */
+  uint8_t limit_cycle; /* 1 while the firmware detects a limit cycle: limit_cycle_losses contact losses, or a force ripple above force_ripple_max for force_ripple_time [1] */
   uint8_t force_saturated; /* 1 while the ADC code of the force is at an end of its range [1] */
   uint8_t gain_halvings; /* number of times that the gain of the force law was halved since the axis was enabled [1] */
   uint8_t force_shaper_state; /* state of the force shaper, or the reason why the shaper is off [enum] */
@@ -635,11 +635,11 @@ typedef struct {
   uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
   uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
-  uint8_t cycle_state; /* state of the cycle of mode -9: running; evaluating the last samples; the part is good or bad; aborted by a stop, a fault or the loss of the owner; or why no cycle started: no program, another filter bank than the one the program was made for, no reference position for an absolute position, too many results that wait for their acknowledgement, a lock after bad parts, the number of power-ups is not stored yet, a force of the program at or beyond the end of what the force sensor can show, or a halt [enum] */
-  uint8_t cycle_phase; /* number, from 0, of the phase that runs, or of the last phase that ran [1] */
-  uint8_t cycle_outcome; /* how the cycle ended: as its program intends; the limit of force, travel or time of a phase was exceeded; stopped from outside; samples were lost, because the main loop was late; a tare failed, because the axis was in contact or did not stand still, or because the offset is beyond tare_band; a sample of an evaluated phase is not valid, because the force was at an end of its range or because force or position was older than cycle_age_max; a value that decides the part was changed [enum] */
+  uint8_t cycle_state; /* state of the cycle of mode -9, verdict on the last part, or reason why no cycle started. other_bank: the program was made for another filter bank. results_full: too many results wait for their acknowledgement. not_stored: the number of power-ups is not stored yet. beyond_sensor: a force of the program is beyond the range of the force sensor [enum] */
+  uint8_t cycle_phase; /* number of the phase that runs, or of the last phase that ran; the first phase is 0 [1] */
+  uint8_t cycle_outcome; /* how the cycle ended. over_force, over_travel, over_time: a limit of a phase was exceeded. stopped: a stop, a fault or the loss of the owner ended the cycle. samples_lost: the main loop was late. tare_contact, tare_moving, tare_band: the tare failed. samples_invalid: in an evaluated phase, the force was at an end of its range, or force or position was older than cycle_age_max. changed: a value that decides the part was changed [enum] */
   uint8_t cycle_outputs; /* digital outputs that the program of the cycle has switched on, one bit for each output: bit 0 output 1, bit 1 output 2, bit 2 output 3, bit 3 output 4 [1] */
-  uint8_t cycle_ended_by; /* number, from 1, of the condition by which the last phase ended; 0: the phase ended by a limit or a stop, or no phase has ended yet [1] */
+  uint8_t cycle_ended_by; /* number of the condition by which the last phase ended; the first condition is 1. 0: the phase ended by a limit or a stop, or no phase has ended yet [1] */
 } drive_signals_t;
 
 /* Bits of the statusword (6041h) in each state; the other bits of the state are 0. */

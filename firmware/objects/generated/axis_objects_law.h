@@ -154,27 +154,27 @@ enum {
 };
 
 typedef struct {
-  uint32_t bank_integral[4]; /* integral rate of the filter bank, per second; 0 means no integral action [2.235174e-05 1/s] */
-  uint32_t bank_crc[4]; /* CRC-32 of all other values of the filter bank as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
+  uint32_t bank_integral[4]; /* rate of the integral action of this filter bank, per second; 0 means no integral action [2.235174e-05 1/s] */
+  uint32_t bank_crc[4]; /* CRC-32 of all other values of this filter bank as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
   int32_t bank_coefficient[60]; /* coefficients b0, b1, b2, a1, a2 of each second-order section of the filter bank; a0 is 1 [1/67108864 1] */
-  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law, and a hash of names, types, units and scales of the objects that the law uses. The design tool writes this CRC, which shows that the filter bank was designed for this axis. 0 means no certificate [1] */
-  uint32_t certificate_parts[4]; /* four check bytes; from the lowest byte up: bank, ADC, scale, law. If certificate_hash does not match, these bytes show which of the four differs, and certificate_state names it [1] */
-  uint16_t bank_gain[4]; /* gain of the filter bank for the filtered force error, in DAC codes per count of an 8-bit ADC [1/256 code/count] */
-  uint16_t bank_velocity_gain[4]; /* velocity gain of the filter bank: damping in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
+  uint32_t certificate_hash[4]; /* CRC-32 which shows that the filter bank was designed for this axis; the design tool writes it. It covers bank_crc, adc_bits, force_scale, the version of the force law, and the names, types, units and scales of the objects that the force law uses. 0 means no certificate [1] */
+  uint32_t certificate_parts[4]; /* four check bytes of the certificate, from the lowest byte up: filter bank, ADC resolution, force scale, force law. If certificate_hash does not match, these bytes show which of the four differs, and certificate_state names it [1] */
+  uint16_t bank_gain[4]; /* gain of this filter bank from the filtered force error to the output, in DAC codes per count of an 8-bit ADC [1/256 code/count] */
+  uint16_t bank_velocity_gain[4]; /* velocity gain of this filter bank, which adds damping, in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
   uint16_t certificate_date[4]; /* day on which the filter bank was designed, in days since 1984-01-01 [1] */
-  uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function for all plants within the tolerances of the certificate [1/1000 1] */
-  uint16_t certificate_stiffness[4]; /* tolerance of the workpiece stiffness for which the filter bank was designed [per mille] */
-  uint16_t certificate_mass[4]; /* tolerance of the workpiece mass for which the filter bank was designed [per mille] */
-  uint16_t uncertified_force; /* limit of the demanded force in every mode that controls force while no certificate matches the force law, in per mille of force_limit [per mille] */
-  uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law without a matching certificate, in addition to output_limit; 2048 means no limit [code] */
-  uint8_t force_bank; /* number of the selected filter bank of the force law; 0 means the law with force_gain alone. A bank can be selected only if its bank_state is valid; the selected filter bank cannot be written [1] */
-  uint8_t bank_sections[4]; /* number of second-order sections of the filter bank, which filter the force error [1] */
-  uint8_t certificate_required; /* 1: the limits uncertified_force and uncertified_output also apply to bank 0, which is the law with force_gain alone and has no certificate; 0: they do not [enum] */
+  uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function, over all plants within the tolerances of the certificate [1/1000 1] */
+  uint16_t certificate_stiffness[4]; /* largest relative deviation of the workpiece stiffness from its nominal value for which the filter bank was designed [per mille] */
+  uint16_t certificate_mass[4]; /* largest relative deviation of the workpiece mass from its nominal value for which the filter bank was designed [per mille] */
+  uint16_t uncertified_force; /* largest demanded force while no certificate matches the force law, in per mille of force_limit; applies in every mode that controls force [per mille] */
+  uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law while no certificate matches the force law; output_limit applies too; 2048 means no limit [code] */
+  uint8_t force_bank; /* number of the filter bank with which the force law computes; 0 means no filter bank: the force law uses force_gain alone. A filter bank can be selected only if its bank_state is valid. The selected filter bank cannot be written [1] */
+  uint8_t bank_sections[4]; /* number of second-order filter sections through which the filter bank passes the force error [1] */
+  uint8_t certificate_required; /* whether the limits uncertified_force and uncertified_output apply to the force law without a filter bank, which has no certificate: 1 yes, 0 no [enum] */
 } law_params_t;
 
 typedef struct {
-  uint8_t bank_state[4]; /* state of the filter bank, or the reason why the filter bank cannot be selected [enum] */
-  uint8_t certificate_state[4]; /* result of the comparison of the certificate with bank, ADC, scale and law: a match, or which of the four differs first [enum] */
+  uint8_t bank_state[4]; /* state of this filter bank, or the reason why it cannot be selected [enum] */
+  uint8_t certificate_state[4]; /* result of the comparison of the certificate with this axis: the certificate fits, or the first difference in filter bank, ADC resolution, force scale or force law [enum] */
 } law_signals_t;
 
 #endif

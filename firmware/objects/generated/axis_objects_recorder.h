@@ -49,17 +49,17 @@ enum {
 typedef struct {
   uint32_t recorder_signal[8]; /* object that this channel records: CANopen index times 256 plus sub-index; 0 means none [1] */
   uint32_t recorder_trigger_source; /* object whose value triggers the recording: CANopen index times 256 plus sub-index [1] */
-  int32_t recorder_trigger_level; /* trigger level as a raw value; for a source of type u32, its 32 bits. A rising edge goes from below the level to the level or above. A falling edge goes from above the level to the level or below [1] */
+  int32_t recorder_trigger_level; /* trigger level as a raw value of recorder_trigger_source; a level of type u32 is written as the i32 with the same 32 bits. A rising edge goes from below the level to the level or above. A falling edge goes from above the level to the level or below [1] */
   uint16_t recorder_decimation; /* number of ticks from one sample to the next [tick] */
   uint16_t recorder_pretrigger; /* number of samples before the trigger that a recording keeps [1] */
   uint16_t recorder_length; /* number of samples of a recording; 0 means as many samples as the buffer has room for [1] */
-  uint8_t recorder_trigger_edge; /* direction in which the value of recorder_trigger_source must cross recorder_trigger_level. With excitation_start the trigger is the first tick of the excitation; source and level are not used [enum] */
+  uint8_t recorder_trigger_edge; /* direction in which the value of recorder_trigger_source must cross recorder_trigger_level. With excitation_start, the recording is triggered by the first tick of the excitation, and neither the source nor the level is used [enum] */
 } recorder_params_t;
 
 typedef struct {
   uint32_t recorder_count; /* number of samples of the recording that a client can read [1] */
-  uint32_t recorder_capacity; /* number of samples that the recording has when it is complete [1] */
-  uint32_t recorder_trigger_index; /* index of the first sample of the recording at or after the trigger [1] */
+  uint32_t recorder_capacity; /* number of samples of the recording when it is complete [1] */
+  uint32_t recorder_trigger_index; /* index of the first recorded sample that was taken at or after the trigger [1] */
   uint8_t recorder_state; /* state of the recorder [enum] */
 } recorder_signals_t;
 

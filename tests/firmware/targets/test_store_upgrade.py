@@ -136,7 +136,10 @@ def test_a_reworded_table_loads_everything(today, store, tmp_path):
     other = Axis(
         tmp_path / "other",
         ("# Mode.", "# Modes, another comment."),
-        ('meaning = "gain k_f of the explicit force law"', 'meaning = "another text"'),
+        (
+            'meaning = "proportional gain k_f of the force law: codes per count of force error"',
+            'meaning = "another text"',
+        ),
     )
     before = today.run(store)
     assert before[0] == "loaded"

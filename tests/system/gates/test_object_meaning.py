@@ -39,7 +39,7 @@ def swapped(kind, first, second):
     return TEXT.replace(a, "@").replace(b, a).replace("@", b)
 
 
-GAIN = 'meaning = "gain k_f of the explicit force law"\n'
+GAIN = 'meaning = "proportional gain k_f of the force law: codes per count of force error"\n'
 SAME = {
     "a comment": edited("# Mode.", "# Another, comment."),
     "a meaning": edited(GAIN, 'meaning = "gain, k_f"\n'),
