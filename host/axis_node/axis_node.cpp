@@ -187,7 +187,7 @@ class Session {
   // Bit axis - 1 is set if the plant_node of this axis runs on this machine, so that its end can be
   // detected.
   unsigned visible_ = 0;
-  unsigned absent_ = 0;  // set of axes without answers of their plant, bit 0 for axis 1
+  unsigned absent_ = 0;  // axes whose plant has not answered, as a bit set: bit 0 is axis 1
   Clock::time_point silent_since_{}, due_{};
 };
 
@@ -247,7 +247,7 @@ void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport)
 
 // Result of serve_run(), which serves the plants of one run.
 struct Served {
-  unsigned silent = 0;  // set of axes without answers of their plant, bit 0 for axis 1
+  unsigned silent = 0;  // axes whose plant has not answered, as a bit set: bit 0 is axis 1
   std::uint64_t lost_records = 0;
 };
 

@@ -63,7 +63,7 @@ class SdoClient {
   Frame abort(std::uint32_t code);
   std::optional<Frame> begin_upload(const Frame &answer);
   std::optional<Frame> second_answer(const Frame &answer);
-  bool has_address(const Frame &answer) const;  // whether it is of the object of the transfer
+  bool has_address(const Frame &answer) const;  // true: index and sub-index are right
   static std::optional<std::uint32_t> announced_size(const Frame &answer);
   std::optional<Frame> upload_segment(const Frame &answer);
 

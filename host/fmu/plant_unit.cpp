@@ -175,7 +175,7 @@ class PlantUnit final : public Unit {
   std::vector<std::string> impulse_bodies_;
   std::size_t first_code_ = 0;
   std::size_t first_signal_ = 0;
-  std::size_t seed_ = 0;  // index of the variable `seed`, before the parameters of the model
+  std::size_t seed_ = 0;  // index of the variable `seed`; the parameters of the model follow it
 
   // Present values of the inputs and of the parameters.
   std::vector<double> values_;
@@ -184,7 +184,7 @@ class PlantUnit final : public Unit {
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.
   SensorCodes codes_;
-  int top_ = 0;  // number of DAC codes from 0 to the largest code
+  int top_ = 0;  // number of DAC codes from 0 to the largest positive code
 };
 
 }  // namespace

@@ -43,7 +43,7 @@ class GatewayCommands {
   struct Recording {
     Id id{};
     bool complete = false;
-    std::string failure;  // reason why the recording has no samples; empty if it has samples
+    std::string failure;  // reason why the recording has no samples; empty if there are samples
 
     // Message for the recording, with all fields except the samples and their tick.
     axis_capture_t block{};
@@ -92,7 +92,7 @@ class GatewayCommands {
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
   std::deque<Id> order_;  // ids of the commands whose answers are in answers_, the oldest first
-  std::map<std::int64_t, Forgotten> forgotten_;  // the key of an entry is the run_id of the client
+  std::map<std::int64_t, Forgotten> forgotten_;  // key: run_id of the client
   std::size_t kept_items_ = 0, waiting_items_ = 0;
   int stopping_ = 0;  // number of stop commands that are in progress
   bool capturing_ = false, repeating_ = false;

@@ -91,7 +91,7 @@ class ChipSide {
   const Experiment *experiment_;
   ChipPipes pipes_;
   ExperimentWrites writes_;
-  int steps_per_code_;  // number of DAC codes of the model in one DAC code of the chip
+  int steps_per_code_;  // number of DAC codes of the model that equal one DAC code of the chip
   TraceHash hash_;
 };
 

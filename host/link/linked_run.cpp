@@ -93,8 +93,7 @@ struct LinkedPlants::Ends {
     for (std::size_t i = 0; i < experiments.size(); ++i) {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
-      if (options.kind != "lcm")
-        break;  // the plants of all axes share the one lock of a CAN interface
+      if (options.kind != "lcm") break;  // On CAN, one lock of the interface serves all axes.
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);

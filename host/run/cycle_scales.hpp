@@ -15,7 +15,7 @@ namespace forceaxis::host {
 /// A table of a file, for messages about its keys after the file was read.
 struct CyclePlace {
   const sim::Source &source;
-  std::string path = {};  ///< path of the table, such as "phase[0].end[1]."
+  std::string path = {};  ///< path of the table in the file, such as "phase[0].end[1]."
 
   CyclePlace at(std::string_view list, std::size_t index) const {
     return {source, path + std::string(list) + "[" + std::to_string(index) + "]."};

@@ -57,8 +57,8 @@ class Gram {
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
-  std::vector<ExtendedMatrix> flows_;  // Matrices that advance the state by 1, 2, 4, ... parts of
-                                       // the time grid, up to half a tick.
+  std::vector<ExtendedMatrix> flows_;  // matrices that advance the state by 1, 2, 4, ... intervals
+                                       // of the time grid, up to half a tick
 };
 
 }  // namespace

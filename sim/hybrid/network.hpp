@@ -89,7 +89,7 @@ class Network {
   /// The state of the plant that has the shortest time constant in a mode.
   struct Fastest {
     std::string state;    ///< name of the body, drive or filter to which the state belongs
-    std::string element;  ///< name of the element that affects this state most
+    std::string element;  ///< name of the element with the largest effect on this state
     double rate;          ///< inverse of the time constant with which the state changes, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;

@@ -38,8 +38,7 @@ struct Pieces {
 
   /// The finest piece has 2^-halvings ticks, which is Mode::reach.
   std::size_t halvings = 0;
-  std::size_t fast = 0;  ///< number of fast modes of the system, in which a conjugate pair is one
-                         ///< mode
+  std::size_t fast = 0;  ///< number of fast modes; a conjugate pair counts as one mode
 
   /// Matrix stored by columns. Its rows give B^2 z, r B^2 z, the real and imaginary parts of w z,
   /// and the signals r z.

@@ -198,7 +198,8 @@ void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
     return;
   }
   if (bus_.fitted()) {
-    codes();  // the drive measures its encoder in every tick, whether or not the value is used
+    codes();  // The drive measures its encoder in every tick, even if the firmware does not use the
+              // value.
     const DriveBus::Frame frame = bus_.act(tick(), {dac_code, amp_enable});
     dac_code = frame.dac_code;
     amp_enable = frame.amp_enable;

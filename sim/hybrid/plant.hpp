@@ -88,7 +88,7 @@ struct Event {
   /// segment 0, segment 1 and so on.
   std::string from;
   std::string to;
-  bool jump = false;  ///< true: the cause of the change is a new DAC code or an impulse
+  bool jump = false;  ///< true: a new DAC code or an impulse has changed the switch
 };
 
 /// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
@@ -96,7 +96,7 @@ struct Event {
 struct EnergyAudit {
   double initial = 0.0;
   double supplied = 0.0;  ///< work in J of drive, gravity and impulses on the bodies
-  double impulses = 0.0;  ///< work in J of the impulses on the bodies, which `supplied` includes
+  double impulses = 0.0;  ///< work in J of the impulses on the bodies, included in `supplied`
   double kinetic = 0.0;
   double stored = 0.0;     ///< energy in J that springs and closed contacts store
   double discarded = 0.0;  ///< spring energy in J that was lost when contacts opened and steppers
@@ -107,7 +107,7 @@ struct EnergyAudit {
     std::string element;
     double energy = 0.0;
   };
-  std::vector<Damper> dissipated;  ///< energies that were dissipated, one entry for each element
+  std::vector<Damper> dissipated;  ///< dissipated energies, one entry for each element
   double residual = 0.0;
 };
 
@@ -278,7 +278,7 @@ class Plant {
   // lines of the processor's cache.
   std::vector<double> encoder_row_;
   std::optional<MachineLaw> machine_law_;
-  std::size_t machine_signal_ = 0;  // index of the signal of the force that the controller measures
+  std::size_t machine_signal_ = 0;  // index of the force that the controller measures
 };
 
 }  // namespace forceaxis::sim

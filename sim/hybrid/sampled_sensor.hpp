@@ -60,7 +60,7 @@ class SampledSensor {
   }
 
  private:
-  static constexpr double kSame = 1e-6;  // largest distance of equal instants, in steps
+  static constexpr double kSame = 1e-6;  // tolerance for equal instants, in steps
 
   double instant(std::int64_t sample) const {
     const double at = phase_ + static_cast<double>(sample) * steps_per_s_ / rate_hz_;

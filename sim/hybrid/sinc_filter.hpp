@@ -54,7 +54,7 @@ class SincFilter {
   /// Weights of the moments of a period in the sample at the end of the period, in the next sample,
   /// and so on.
   std::array<Row, kHighestOrder> weights_{};
-  Row moments_{};  // moments of the signal, integrated over the present period up to now
+  Row moments_{};  // moments of the signal from the start of the present period until now
 
   // Time in ticks from the start of the present period up to now.
   double length_ = 0.0;

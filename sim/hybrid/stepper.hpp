@@ -158,7 +158,7 @@ class Stepper {
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;
-    const EnergyForms *forms = nullptr;  // forms of the energies; nullptr: not yet requested
+    const EnergyForms *forms = nullptr;  // quadratic forms of the energies; nullptr: not requested
     int parts = 0;  // number of parts of the time grid in which energies were added without the
                     // matrices `forms`
   };

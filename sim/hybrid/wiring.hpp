@@ -50,7 +50,7 @@ struct Wiring {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< mask of the switch's bit field in a ModeKey, before the shift
+    ModeKey mask = 0;       ///< mask of the switch's bit field before it is shifted
     bool of_drive = false;  ///< true: the switch has the state 0 while the drive is disabled
     int home = 0;
     /// State in which the ends of a friction have the same velocity; -1 for other switches.

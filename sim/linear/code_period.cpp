@@ -62,9 +62,9 @@ Hessenberg balanced(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C) {
 
 }  // namespace
 
-// The plant within a period in which one code acts. Instants are counted in ticks from the start of
-// the period and are in (0, cycle_ticks]. At the end of the period, the direct path still has the
-// code of this period.
+// The plant within one period. One DAC code acts during a period. Instants are in ticks from the
+// start of the period, in (0, cycle_ticks]. The direct feedthrough at the end of the period is
+// still that of this code.
 class CodePeriod::Flow {
  public:
   Flow(const TickSystem &plant, const CodeTiming &timing)
@@ -222,7 +222,7 @@ CodePeriod::CodePeriod(const TickSystem &plant, const CodeTiming &timing)
 
 void CodePeriod::response(std::span<const double> w, std::span<Complex> values) const {
   const auto cycle = static_cast<std::size_t>(cycle_ticks_);
-  std::vector<Complex> turns(w.size());  // z of one tick for each frequency
+  std::vector<Complex> turns(w.size());  // e^(i w T) of one tick T at each frequency w
   std::vector<Complex> points(w.size());
   const auto power = [](Complex base, int exponent) {
     Complex result = 1;

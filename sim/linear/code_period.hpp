@@ -57,7 +57,7 @@ class CodePeriod {
     double direct;
   };
   struct Reading {
-    std::size_t first, end;  // terms of the reading: indices first to end - 1 in terms_
+    std::size_t first, end;  // The terms of the reading are terms_[first] to terms_[end - 1].
     std::vector<int> ticks;  // ticks of the bus cycle in which the law uses this reading of the
                              // sensor
   };

@@ -23,8 +23,7 @@ constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
 // half-widths of the resonance.
 constexpr double kPointsPerSide = 42;
 constexpr Extended kFarthestHalfWidths = 25;
-constexpr double kDampingMax = 0.3;  // damping ratio above which a pole or zero needs no denser
-                                     // grid
+constexpr double kDampingMax = 0.3;  // roots with a larger damping ratio need no denser grid
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // value of |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
@@ -102,8 +101,8 @@ class GridMaker {
   double tick_s_;
   double cycle_hz_;  // rate in Hz at which the drive receives commands
   std::vector<Point> common_;
-  std::vector<double> around_;  // distances of grid points from a resonance, as multiples of the
-                                // width of the resonance
+  std::vector<double> around_;  // distances between grid points and a resonance, as multiples of
+                                // the width of the resonance
 };
 
 // Returns true if a pole of the plant is an integral.
@@ -443,7 +442,7 @@ namespace {
 // to -1 at some gain of the law.
 struct LowEnd {
   std::size_t points = 0;  // number of grid points in this range
-  double least_gain = 0;   // gain above which |S| keeps its bound at these frequencies
+  double least_gain = 0;   // at larger gains, |S| is within its bound at these frequencies
 };
 
 // `share` has the same meaning as in first_root(). A loop whose phase begins below -180 degrees is
@@ -754,7 +753,7 @@ double gain_at_rest(const LawShape &law, double rest) {
 
 // Numbers of poles and zeros of a plant whose frequencies are below the grid.
 struct SlowRoots {
-  std::size_t poles = 0;  // number of real poles, which belong to no conjugate pair
+  std::size_t poles = 0;  // number of real poles
   std::size_t zeros = 0;
   // Number of pairs of a pole and a zero that are stable and real and differ by at most 1 %. The
   // creep of a sensor has such a pair. Below the grid, a pair changes the loop by at most 1 % and
@@ -956,7 +955,7 @@ LawValue value_of(const GainLimit &limit, double hz) {
 
 LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                            double floor_hz) const {
-  thread_local Loop loop;  // memory of some 100 kB for each thread, which all later calls reuse
+  thread_local Loop loop;  // about 100 kB for each thread; all later calls reuse this memory
   loop.resize(hz_.size(), delays_.size(), aliases_);
   GainLimit limit;
   limit.gain = bounds.hf_gain / law.hf_gain();

@@ -26,7 +26,7 @@ namespace forceaxis::sim {
 
 /// Bounds that all loops have to keep. Infinity means no bound.
 struct LawBounds {
-  std::vector<double> ms;         ///< largest permitted |S| for each delay of the loop, above 1
+  std::vector<double> ms;         ///< largest permitted |S|, above 1, for each delay of the loop
   double gain_margin = 1.0;       ///< smallest permitted gain margin, as a factor
   double phase_margin_deg = 0.0;  ///< smallest permitted phase margin in degrees; 0: no bound
 
@@ -56,8 +56,8 @@ struct LoopFigures {
   double fT_hz;
   double Ms;                ///< largest magnitude of the sensitivity function, |S|
   double gain_margin;       ///< gain margin as a factor; infinity if the loop has none
-  double phase_margin_rad;  ///< phase margin of the smallest magnitude; infinity if |L| is 1 at no
-                            ///< frequency
+  double phase_margin_rad;  ///< phase margin with the smallest magnitude; infinity if |L| reaches 1
+                            ///< at no frequency
 };
 
 /// Figures of one loop that are not limited by the steps of a grid: roots and peaks are searched
@@ -79,7 +79,7 @@ struct PreciseFigures {
   double Ms = 0;
   double gain_margin = 0;
   double phase_margin_rad = 0;
-  bool sag = false;  ///< true if |T| is below -3 dB at a frequency below fS_hz
+  bool sag = false;  ///< true if |T| falls below -3 dB already at a frequency below fS_hz
 };
 
 /// The bandwidth of a law over the set of plants, and the largest gain that keeps the bounds.

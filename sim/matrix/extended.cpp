@@ -139,7 +139,7 @@ class Factors {
 
   Matrix matrix_, factors_;
   Eigen::Matrix<Extended, Eigen::Dynamic, 1> scale_;
-  std::vector<Index> order_;  // order of the rows of the matrix in the factors
+  std::vector<Index> order_;  // row permutation of the LU factorization
   bool singular_ = false;
 };
 

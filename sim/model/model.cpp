@@ -293,7 +293,7 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
     for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
     return sum;
   };
-  Rows basis;  // orthonormal basis of the rows so far
+  Rows basis;  // orthonormal basis of the constraint rows handled so far
   for (const Constraint &constraint : constraints) {
     std::vector<double> row(points.front().size(), 0.0);
     for (std::size_t i = 0; i < row.size(); ++i)
@@ -447,7 +447,7 @@ int Model::point_index(std::string_view name) const {
 }
 
 struct ModelFile::Content {
-  Source source;  // the model file with its parameters before any override
+  Source source;  // the model file with the parameter values that it gives, without overrides
   toml::table table;
   std::string title, shows;
 };

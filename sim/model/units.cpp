@@ -90,7 +90,7 @@ struct Symbol {
   std::string_view base;
   int exponent;
   double factor;
-  bool prefixed;  // true: the symbol may have a prefix
+  bool prefixed;  // true: the unit may have an SI prefix
   Powers powers;
 };
 

@@ -34,7 +34,7 @@ struct Creep {
 /// Warm-up of a sensor. At the time t after tick 0, the zero of the sensor has moved by final (1 -
 /// e^(-t / time)).
 struct Drift {
-  double final = 0.0;  ///< final change of the zero in the unit of the signal
+  double final = 0.0;  ///< final shift of the sensor's zero, in the unit of the signal
   double time = 0.0;   ///< time constant in s, > 0
 
   static constexpr auto rows() {
@@ -87,8 +87,7 @@ struct Adc {
   /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
   /// code is the upper 16 bits of a longer code.
   double rounding = 0.5;
-  std::optional<Sampling>
-      sampling;  ///< empty: a sample at each tick, which the firmware has at once
+  std::optional<Sampling> sampling;  ///< empty: one sample at each tick, without delay
 
   /// Order of the filter of a sigma-delta converter, 3 to 5, or 0 for none (sinc_filter.hpp). A
   /// converter with a filter also has `sampling`.

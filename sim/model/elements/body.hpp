@@ -11,13 +11,13 @@ struct Body {
       "A rigid body that moves along the axis. A model has 1 to 32 bodies; other elements "
       "or the drive must connect each of them to ground.";
   std::string name;
-  double mass = 0.0;      ///< mass in kg, > 0, including the inertias that turn with the body
+  double mass = 0.0;      ///< mass in kg, > 0; it includes the inertias that turn with the body
   double position = 0.0;  ///< position in m at tick 0
   double velocity = 0.0;  ///< velocity in m/s at tick 0
 
   /// Moments of inertia in kg m^2 of the parts that turn with the body.
   std::vector<double> inertia;
-  std::vector<double> r_trans;  ///< travel of the body for one radian of each inertia in m
+  std::vector<double> r_trans;  ///< travel of the body in m per radian of each inertia
 
   static constexpr auto rows() {
     using enum Dimension;

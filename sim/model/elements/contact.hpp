@@ -40,8 +40,8 @@ struct Contact : Link {
       "damping. Linear figures of a contact with hysteresis are those of small motions about a "
       "point at which the slider sticks, with the stiffness stiffness + hysteresis_stiffness and "
       "without its losses.";
-  Slopes stiffness;      ///< contact stiffness in N/m, > 0, as a function of the overlap in m; all
-                         ///< breakpoints are > 0
+  Slopes stiffness;  ///< contact stiffness in N/m, > 0, over the overlap of the bodies in m; all
+                     ///< breakpoints are > 0
   double damping = 0.0;  ///< contact damping in N s/m, >= 0
 
   /// Distance of the surfaces in m at x_a = x_b; the overlap is d = x_a - x_b - gap.

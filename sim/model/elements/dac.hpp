@@ -12,7 +12,7 @@ struct Dac {
       "noise.";
   /// Number of bits, 8 to 16; the codes of step() are -2^(bits-1) to 2^(bits-1)-1.
   int bits = 12;
-  double range = 10.0;  ///< output voltage range in V, > 0; output for the lowest code: -range
+  double range = 10.0;  ///< output voltage range in V, > 0; the lowest code gives -range
   double offset = 0.0;  ///< output voltage in V at code 0
   double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
 

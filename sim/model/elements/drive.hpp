@@ -170,8 +170,8 @@ struct PerfectDrive {
 /// peak_time, and peak_current is available again when h is below 3/4 of rated_current. While the
 /// drive is disabled, i = 0 and h continues.
 struct DriveMotor {
-  double force_per_amp = 0.0;          ///< k_force, or k_torque / r_trans, in N/A, > 0
-  double rate = 0.0;                   ///< bandwidth of the current loop in rad/s, > 0
+  double force_per_amp = 0.0;  ///< force constant in N/A, > 0: k_force, or k_torque / r_trans
+  double rate = 0.0;           ///< bandwidth of the current loop in rad/s, > 0
   std::optional<double> peak_current;  ///< largest current in A, > 0; empty: not limited
 
   /// Rated current in A, > 0 and < peak_current; empty: no second limit.
@@ -264,14 +264,14 @@ struct VelocityDrive {
   static constexpr std::string_view kWhen = "type = \"velocity\"";
   DriveMotor motor;
   double velocity_per_volt = 0.0;       ///< velocity per command voltage in m/s per V, not 0
-  double k_velocity = 0.0;              ///< proportional gain in N s/m, > 0
-  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: q = 0
+  double k_velocity = 0.0;              ///< proportional gain of the velocity loop in N s/m, > 0
+  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: no integral action
 
   /// Values that the model file may have in place of k_velocity and integral_time.
   struct Tuning {
     std::optional<double> bandwidth;  ///< bandwidth of the velocity loop in rad/s, > 0
     double damping_ratio = 0.7071;
-    std::optional<double> mass;  ///< mass for which the loop is tuned in kg, > 0
+    std::optional<double> mass;  ///< mass in kg, > 0, for which the velocity loop is tuned
 
     /// Inertia at the motor for which the loop is tuned in kg m^2, > 0.
     std::optional<double> inertia;
@@ -346,8 +346,7 @@ struct StepperDrive {
   double holding_force = 0.0;  ///< largest f in N, > 0
   double full_step = 0.0;      ///< travel of the body for a full step in m, > 0
   double damping = 0.0;        ///< damping of the load angle in N s/m, >= 0
-  int segments = 16;           ///< number of straight segments for one period of the sine: 4,
-                               ///< 8, .. 32
+  int segments = 16;           ///< number of straight segments per period of the sine: 4, 8, ... 32
 
   static constexpr auto rows() {
     using enum Sign;

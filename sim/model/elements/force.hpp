@@ -14,7 +14,7 @@ struct Gravity {
   static constexpr std::string_view kMeaning =
       "A force on one body: its mass times an acceleration.";
   std::string name;
-  int body = kGround;  ///< index of a body; the mass of a port is not known
+  int body = kGround;  ///< index of a body, not of a port, because the mass of a port is not known
 
   /// Acceleration in m/s^2 at each of the positions, or one value for all positions.
   std::vector<double> accelerations;

@@ -49,8 +49,8 @@ struct MachineTable {
   std::vector<double> values;  ///< command in m/s or N at each time; constant before the first and
                                ///< after the last time
   bool interpolated = false;   ///< false: each value is held until the next time
-  std::vector<double> speeds;  ///< commands in m/s that the model file has
-  std::vector<double> forces;  ///< commands in N that the model file has in place of `speeds`
+  std::vector<double> speeds;  ///< commands in m/s as the model file gives them
+  std::vector<double> forces;  ///< commands in N; the model file gives either these or `speeds`
 
   static constexpr auto rows() {
     using enum Sign;
@@ -104,7 +104,7 @@ struct MachineForcePi : MachineForce {
       "(damping integral_time), where f is the set-point less the measured force.";
   static constexpr std::string_view kWhen = "law = \"force_pi\"";
   double damping = 0.0;                 ///< force error per commanded velocity in N s/m, > 0
-  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: q = 0
+  std::optional<double> integral_time;  ///< integral time in s, > 0; empty: no integral action
 
   static constexpr auto rows() {
     using enum Sign;

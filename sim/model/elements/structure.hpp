@@ -18,7 +18,7 @@ struct Structure {
         "others, and the modal mass 1 kg.";
     double frequency_hz = 0.0;   ///< undamped natural frequency, >= 0; 0: a rigid-body mode
     double damping_ratio = 0.0;  ///< damping ratio, >= 0; 0 for a rigid-body mode
-    double mass = 1.0;  ///< modal mass in kg, > 0; 1 if the shape is mass-normalised, in 1/sqrt(kg)
+    double mass = 1.0;  ///< modal mass in kg, > 0; 1 for a mass-normalised shape in 1/sqrt(kg)
     std::vector<double> shape;  ///< mode shape: displacement of each port
 
     static constexpr auto rows() {
