@@ -460,8 +460,8 @@ static void serve_save(fw_t *fw) {
   }
 }
 
-/* Serves the parameter store. Cycle programs and counts of parts are written to the flash only
- * while the axis is disabled. An enabled axis does not wait for this work. */
+/* Serves the parameter store. Cycle programs and counts of pressed parts are written to the flash
+ * only while the axis is disabled. An enabled axis does not wait for this work. */
 static void serve_store(fw_t *fw) {
   if (store_is_busy(&fw->store)) {
     serve_save(fw);
@@ -504,7 +504,7 @@ void fw_prepare(fw_t *fw) {
 }
 
 /* Asserts that the outputs of an axis with a fault are off in the tick of the fault, whichever part
- * of the firmware detected it. */
+ * of the firmware detected the fault. */
 static inline void assert_outputs(const fw_t *fw, const axis_outputs_t *outputs) {
   if (fw->axis.signals.fault != AXIS_FAULT_NONE) {
     fx_assert(outputs->dac_fine == 0 && outputs->dac_code == 0);

@@ -124,10 +124,10 @@ typedef struct {
   uint32_t power_up; /* number of power-ups at which the axis had cycle programs */
   uint32_t number;   /* number of the last pressed part */
   uint32_t parts[CYCLE_PART_VERDICTS];
-  /* smallest number of a part whose result waits for its acknowledgement; 0: no result waits. This
-   * field is set only in the stored counts */
+  /* smallest number of a pressed part whose result waits for its acknowledgement; 0: no result
+   * waits. This field is set only in the stored counts */
   uint32_t oldest_waiting;
-  uint32_t bad_in_row; /* number of consecutive bad or aborted parts, at most UINT16_MAX */
+  uint32_t bad_in_row; /* number of consecutive bad or aborted pressed parts, at most UINT16_MAX */
 } results_counts_t;
 
 typedef struct {

@@ -18,7 +18,7 @@ void law_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t
 /* Updates the force law after a write to adc_bits. */
 void law_adc_written(fw_t *fw);
 
-/* Compares the certificates of the banks with the present settings. If there is no matching
+/* Compares the certificates of the filter banks with the present settings. If there is no matching
  * certificate, the drive restricts the force law. Call law_certify() after a write to any object on
  * which a certificate depends. */
 void law_certify(fw_t *fw);

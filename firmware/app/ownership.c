@@ -40,8 +40,8 @@ static bool is_enabling_unsafe(const fw_t *fw) {
   return fw->owner_on_can != 0 && fw->canopen.heartbeats_lost != 0;
 }
 
-/* Checks whether a source may enable the axis with this controlword. FW_SOURCE_LOCAL may always
- * enable the axis. */
+/* Checks whether a command source may enable the axis with this controlword. FW_SOURCE_LOCAL may
+ * always enable the axis. */
 static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
     return FW_OK;
@@ -112,8 +112,8 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   return is_prevented(fw, entry, starts_axis(fw, object, value)) ? FW_ERROR_BUSY : FW_OK;
 }
 
-/* The value of stopped_by is 1 more than the number of the source that stopped the axis. 0 means
- * that no source stopped it. */
+/* The value of stopped_by is 1 more than the number of the command source that stopped the axis. 0
+ * means that no source stopped it. */
 _Static_assert(AXIS_STOPPED_BY_CANOPEN == FW_SOURCE_CANOPEN + 1 &&
                    AXIS_STOPPED_BY_MODBUS == FW_SOURCE_MODBUS + 1 &&
                    AXIS_STOPPED_BY_LCM == FW_SOURCE_LCM + 1 &&

@@ -36,19 +36,19 @@ static inline const fw_t *fw_of_const(const dictionary_t *objects) {
   return fw;
 }
 
-/* Checks whether a source may now write `value` to an existing object. Returns FW_OK;
+/* Checks whether a command source may now write `value` to an existing object. Returns FW_OK;
  * FW_ERROR_LOCKED; FW_ERROR_STATE if the column `writable` or `in_cycle` of the object table
  * forbids the write; or FW_ERROR_BUSY while the parameter store is working. */
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Handles a new controlword of a source; `previous` is the old controlword. A source that does not
- * own the axis can only stop the axis with a controlword (cia402_stop()), and the controlword of
- * the owner stays active. After such a stop, a controlword of the owner that would enable the axis
- * also only stops the axis. */
+/* Handles a new controlword of a command source; `previous` is the old controlword. A source that
+ * does not own the axis can only stop the axis with a controlword (cia402_stop()), and the
+ * controlword of the owner stays active. After such a stop, a controlword of the owner that would
+ * enable the axis also only stops the axis. */
 void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword);
 
-/* Call ownership_disabled() when a source has written the native mode `disabled`, before the axis
- * is disabled. */
+/* Call ownership_disabled() when a command source has written the native mode `disabled`, before
+ * the axis is disabled. */
 void ownership_disabled(fw_t *fw, uint8_t source);
 
 /* Stops an axis whose owner is not canopen. Call ownership_stopped() after an NMT command that
@@ -71,8 +71,8 @@ void ownership_check_watch(fw_t *fw);
  * reason. */
 void ownership_lost(fw_t *fw, uint8_t fault);
 
-/* Returns true if the owner is on CAN and is one of the lost sources `lost`, a set of FW_SOURCE_
- * bits. */
+/* Returns true if the owner is on CAN and is one of the lost command sources `lost`, a set of
+ * FW_SOURCE_ bits. */
 bool ownership_ends(const fw_t *fw, uint8_t lost);
 
 /* The following functions are the steps of ownership_tick(). */

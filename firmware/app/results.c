@@ -115,7 +115,7 @@ void results_init(fw_t *fw) {
   }
 }
 
-/* Reads the counts of parts that were stored before this power-up. */
+/* Reads the counts of pressed parts that were stored before this power-up. */
 static void take_stored(fw_t *fw) {
   results_counts_t *counts = &fw->results.counts;
   if (store_part_bytes(&fw->store, STORE_COUNTS) == sizeof(*counts)) {
@@ -294,7 +294,7 @@ static bool are_due(const fw_t *fw, bool is_given) {
          (age >= RESULTS_STORE_TICKS && (is_given || results->changed != 0));
 }
 
-/* Passes the counts of parts to the parameter store if they must be written now. */
+/* Passes the counts of pressed parts to the parameter store if they must be written now. */
 static void give_counts(fw_t *fw) {
   results_t *results = &fw->results;
   const bool has_failed = store_parts_state(&fw->store) == STORE_PARTS_FAILED;

@@ -26,7 +26,7 @@ enum { RESULTS_STORE_TICKS = 900000 };
  * of the node. */
 void results_init(fw_t *fw);
 
-/* Reads the counts of parts from the parameter store. Call this function after each
+/* Reads the counts of pressed parts from the parameter store. Call this function after each
  * store_load(). */
 void results_loaded(fw_t *fw);
 
@@ -40,16 +40,16 @@ void results_written(fw_t *fw, uint16_t object, int32_t value);
 int results_unlock(fw_t *fw);
 
 /* When a cycle has just started, assigns to it the serial number that a client has written. If the
- * start was withdrawn, writes the serial number back to its objects. Call results_follow() before
- * and after each controlword. */
+ * cycle was stopped before its first tick, writes the serial number back to its objects. Call
+ * results_follow() before and after each controlword. */
 void results_follow(fw_t *fw);
 
 /* Call results_serve() between ticks while the axis has programs, after the samples of the cycle
  * were evaluated. `ended` is true if the cycle has just ended. */
 void results_serve(fw_t *fw, bool ended);
 
-/* Writes to the signal cycle_store_state whether the cycle programs and the counts of parts are
- * stored. */
+/* Writes to the signal cycle_store_state whether the cycle programs and the counts of pressed parts
+ * are stored. */
 void results_show_store(fw_t *fw);
 
 #endif

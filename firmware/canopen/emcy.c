@@ -75,7 +75,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
                     .detail = detail};
 }
 
-/* Returns true if the node already reported this error code when the owner was lost. */
+/* Returns true if the node itself already sent this error code, because it detected the loss of the
+ * owner. */
 static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:

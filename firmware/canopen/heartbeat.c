@@ -37,7 +37,7 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
-      return; /* no other entry of 1016h monitors the sender of this heartbeat */
+      return; /* only one entry of 1016h monitors the same node */
     }
   }
 }

@@ -3,7 +3,7 @@
 
 /* Heartbeat consumers of a CANopen node (1016h). The node monitors another node from the first
  * heartbeat of that node on. If a heartbeat is missing, or if the monitored node sends a boot-up
- * message, the sources CANopen, Modbus and LCM on this bus are lost. */
+ * message, the node reports the command sources CANopen, Modbus and LCM on this bus as lost. */
 
 #include <stdbool.h>
 #include <stdint.h>

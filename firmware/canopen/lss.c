@@ -94,9 +94,9 @@ static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* The parts of the LSS address are compared one after the other. Returns the number of parts that
- * have matched after the part with the number `part` was compared. `count` is this number before
- * the comparison. */
+/* Counts the parts of the LSS address that have matched one after the other. `part` is the number
+ * of the part that was compared now, and `count` parts have matched before. Returns the new count,
+ * which is 0 if this part does not match or is not the next one. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);

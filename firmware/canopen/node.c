@@ -124,22 +124,21 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* Requests a stop of the axis, whichever bus owns the axis, and reports all sources on the CAN bus
- * as lost. */
+/* Requests a stop of the axis, whichever bus owns the axis, and reports all command sources on the
+ * CAN bus as lost. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;
 }
 
-/* Adds `frames` to the number of lost frames in the requests to the firmware. The number saturates
- * at its largest value. */
+/* Reports `frames` more lost frames to the firmware. The number of reported frames saturates at its
+ * largest value. */
 static void lose_frames(canopen_t *canopen, uint16_t frames) {
   const uint32_t sum = (uint32_t)canopen->requests.frames_lost + frames;
   canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
 }
 
-/* The output queue counts the frames that it refused because it was full. Adds this number to the
- * lost frames in the requests to the firmware. */
+/* Reports to the firmware the frames that the output queue has refused because it was full. */
 static void take_output_lost(canopen_t *canopen) {
   lose_frames(canopen, canopen->output.lost);
   canopen->output.lost = 0;
@@ -157,7 +156,7 @@ static void communication_error(canopen_t *canopen) {
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
   stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
-  /* Lost frames are counted now, because the reset empties the output queue. */
+  /* The lost frames are counted before the reset, because the reset empties the output queue. */
   take_output_lost(canopen);
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
@@ -348,8 +347,8 @@ void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool ac
   }
 }
 
-/* Prepares the work of the next tick that began while an earlier tick was still deferred. Ticks
- * before the boot-up message are not computed later. */
+/* Prepares the work of a tick that began while the work of an earlier tick was still deferred. The
+ * work of ticks before the boot-up message is dropped. */
 static void make_up(canopen_t *canopen) {
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->late = 0;

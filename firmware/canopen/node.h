@@ -24,7 +24,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* State of the axis as far as the node needs it in canopen_tick_end(). */
+/* The part of the state of the axis that the node needs in canopen_tick_end(). */
 typedef struct {
   uint16_t error_code; /* error code of the drive, AXIS_ERROR_CODE_ */
   /* latched fault (AXIS_FAULT_), or fault that the present fault reaction will latch */
@@ -44,8 +44,8 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
 /* canopen_take_requests() returns the requests of the node since the last call. Call
- * canopen_take_requests() after every other function of the node, because the loss of a source must
- * act before the next function is called. */
+ * canopen_take_requests() after every other function of the node, because the loss of a command
+ * source must act before the next function is called. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   const canopen_requests_t *requests = &canopen->requests;
   return requests->frames_lost != 0 || requests->sources_lost != 0 || requests->duplicate != 0;
@@ -116,8 +116,8 @@ uint8_t canopen_take_reset(canopen_t *canopen);
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
 /* Sets the bus state (CAN_BUS_) that the CAN controller reports. The node sends an emergency
- * message about each change of the state. If the state is bus off, all sources on the bus are
- * lost. */
+ * message about each change of the state. If the state is bus off, all command sources on the bus
+ * are lost. */
 void canopen_bus(canopen_t *canopen, uint8_t state);
 
 /* Sends an emergency message about an event that is no fault of the axis. `code` is the error code

@@ -248,8 +248,8 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
-      /* If an object refuses the value because CANopen does not own the axis, no emergency message
-       * is sent. */
+      /* No emergency message is sent if an object refuses its value because CANopen does not own
+       * the axis. */
       written.refused = written.refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -336,7 +336,7 @@ void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
   if (!active) {
     return;
   }
-  /* A received value of the RPDO that still waits for a SYNC is too old, so it is discarded. */
+  /* A received value that still waits for a SYNC is discarded, because it is too old. */
   canopen->rpdo[rpdo].pending = 0;
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
@@ -375,7 +375,7 @@ void pdo_axis_active(canopen_t *canopen) {
   canopen->rpdos_waiting = 0;
 }
 
-/* The objects of all RPDOs; if `transmit` is true, the objects of all TPDOs. The same rules apply
+/* The objects that configure all RPDOs or, if `transmit` is true, all TPDOs. The same rules apply
  * to both kinds of PDOs, so the same functions check them. */
 typedef struct {
   const uint32_t *cob_id;

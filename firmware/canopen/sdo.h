@@ -2,11 +2,11 @@
 #define FIRMWARE_CANOPEN_SDO_H_
 
 /* SDO servers of a CANopen node: expedited and segmented transfers in both directions, and block
- * transfers (sdo_block.h). Server 0 is the default server and acts for the source CANOPEN, server 1
- * for MODBUS, server 2 for LCM; the source lock distinguishes these three sources. Servers 1 and 2
- * are off until a gateway sets identifiers in both COB-IDs of the server (1201h, 1202h). A reset
- * switches servers 1 and 2 off again. As CiA 301 requires, requests without exactly 8 bytes are not
- * answered. */
+ * transfers (sdo_block.h). Server 0 is the default server and acts for the command source CANOPEN,
+ * server 1 for MODBUS, server 2 for LCM; the source lock distinguishes these three sources. Servers
+ * 1 and 2 are off until a gateway sets identifiers in both COB-IDs of the server (1201h, 1202h). A
+ * reset switches servers 1 and 2 off again. As CiA 301 requires, requests without exactly 8 bytes
+ * are not answered. */
 
 #include "firmware/canopen/sdo_transfer.h"
 

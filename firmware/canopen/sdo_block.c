@@ -172,7 +172,7 @@ static void send_segment(canopen_t *canopen, const dictionary_t *objects, uint8_
       sdo_answer(canopen, number, (uint8_t)(server->sequence | (last ? LAST : 0)), 0, 0);
   if (frame != NULL) {
     sdo_read(canopen, objects, number, frame->data + 1, count);
-    /* If a segment is sent again, it is not added to the CRC a second time. */
+    /* A segment that is sent a second time is added to the CRC only once. */
     if (server->crc_end == server->offset) {
       server->crc = crc_of(server->crc, frame->data + 1, count);
       server->crc_end += count;

@@ -43,7 +43,7 @@
 #define SDO_ABORT_TOO_HIGH UINT32_C(0x06090031)
 #define SDO_ABORT_TOO_LOW UINT32_C(0x06090032)
 #define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* the value is neither "save" nor "load" */
-#define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another source owns the axis */
+#define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another command source owns the axis */
 /* The present state of the axis, the recorder, the PDO or the parameter store does not permit the
  * access. */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)

@@ -86,8 +86,8 @@ typedef struct {
   uint16_t object; /* download: number (AXIS_OBJ_) of the object */
   uint16_t crc;
   uint8_t sub;
-  /* upload: kind of the uploaded data; AXIS_ADDRESS_TEXT, AXIS_ADDRESS_DOMAIN, or another kind for
-   * a value in `data`; download: AXIS_ADDRESS_DOWNLOAD, or AXIS_ADDRESS_OBJECT for a value in
+  /* kind of the transferred data. Upload: AXIS_ADDRESS_TEXT or AXIS_ADDRESS_DOMAIN; any other kind
+   * means a value in `data`. Download: AXIS_ADDRESS_DOWNLOAD, or AXIS_ADDRESS_OBJECT for a value in
    * `data` */
   uint8_t what;
   uint8_t state;      /* state of the server, SDO_ */
@@ -140,9 +140,9 @@ enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NO
 /* Requests of the node to the firmware, which canopen_take_requests() returns. */
 typedef struct {
   uint16_t frames_lost;
-  /* set of the sources (FW_SOURCE_) that can no longer reach the axis over the CAN bus */
+  /* set of the command sources (FW_SOURCE_) that can no longer reach the axis over the CAN bus */
   uint8_t sources_lost;
-  uint8_t fault; /* reason (AXIS_FAULT_) for the loss of the first source in sources_lost */
+  uint8_t fault; /* reason (AXIS_FAULT_) for the loss of the first command source in sources_lost */
   /* 1: the axis must stop for the reason in `fault`, whichever bus owns the axis */
   uint8_t stop;
   uint8_t duplicate; /* 1: another node has the same node id */
@@ -182,8 +182,8 @@ static inline bool canopen_has(uint8_t set, uint32_t i) { return (set & fx_bit(i
 static inline void canopen_put(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set | fx_bit(i)); }
 static inline void canopen_drop(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set & ~fx_bit(i)); }
 
-/* Requests that the firmware treats a source (FW_SOURCE_) as lost, because the source can no longer
- * reach the axis. */
+/* Requests that the firmware treats a command source (FW_SOURCE_) as lost, because the source can
+ * no longer reach the axis. */
 static inline void canopen_lose(canopen_t *canopen, uint8_t source, uint8_t fault) {
   if (canopen->requests.sources_lost == 0) {
     canopen->requests.fault = fault;
@@ -191,8 +191,8 @@ static inline void canopen_lose(canopen_t *canopen, uint8_t source, uint8_t faul
   canopen_put(&canopen->requests.sources_lost, source);
 }
 
-/* Requests that the firmware treats all sources on the CAN bus as lost, because they can no longer
- * reach the axis. */
+/* Requests that the firmware treats all command sources on the CAN bus as lost, because they can no
+ * longer reach the axis. */
 static inline void canopen_lose_all(canopen_t *canopen, uint8_t fault) {
   canopen_lose(canopen, FW_SOURCE_CANOPEN, fault);
   canopen_lose(canopen, FW_SOURCE_MODBUS, fault);

@@ -36,7 +36,8 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      /* The new slot of the timer may be the same slot that is checked now. */
+      /* This is the slot that is checked now if the timer expires a multiple of the number of slots
+       * later. */
       *canopen_timer_slot(timers, at) |= bit;
     }
   }

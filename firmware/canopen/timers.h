@@ -37,8 +37,8 @@ typedef struct {
    * number wraps at 2^32 */
   uint32_t now;
   uint32_t running; /* set of the running timers */
-  /* set of the timers in each slot. All running timers are in a slot, and some stopped timers still
-   * are */
+  /* set of the timers in each slot of the timer list. Each running timer is in a slot, and a
+   * stopped timer may still be in one */
   uint32_t slots[CANOPEN_TIMER_SLOTS];
   uint32_t at[CANOPEN_TIMERS]; /* number of the tick in which each timer expires */
 } canopen_timers_t;

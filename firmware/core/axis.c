@@ -123,7 +123,7 @@ static void latch_fault(axis_t *axis, uint8_t fault) {
  * the result is disabled, but the amplifier stays on. */
 static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                           axis_outputs_t *restrict outputs) {
-  /* Every mode may follow every other mode, because the change is bumpless. */
+  /* A change from any mode to any other mode is permitted, because it is bumpless. */
   const uint8_t mode =
       (axis->signals.fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : axis->params.mode;
   const uint8_t reports = inputs->drive | inputs->position_age | inputs->force_age;
@@ -212,8 +212,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits apply in the tick in which a command is output, even if the command was computed one
-   * tick earlier. */
+  /* A command is limited in the tick in which it is output, even if it was computed one tick
+   * earlier. */
   const bool late = params->latency_ticks != 0;
   if (late) {
     const int32_t due_q16 =
@@ -234,9 +234,9 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
             fx_magnitude(signals->bump_bias) <= UINT32_C(6146) * 65536);
   /* The limits change only the output. So command_code shows the command of the control law, also
-   * if the code is output one tick later. The magnitude of the law, with excitation, is below 4098
-   * codes. The magnitude of the bias is below 6146 codes. So their sum in 1/65536 code is within
-   * +-2^30. */
+   * if the code is output one tick later. The command of the control law plus the excitation has a
+   * magnitude below 4098 codes, and the bump bias one below 6146 codes. So their sum in 1/65536
+   * code is within +-2^30. */
   const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
   axis->command_q16 = command_q16;
   signals->command_code = (int16_t)fx_code_from_q16(command_q16);

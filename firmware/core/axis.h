@@ -86,14 +86,14 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
  * output. A larger dac_bits is reduced to `most`. */
 void axis_output_loaded(axis_t *axis, uint8_t most);
 
-/* Call axis_bank_selected() after the coefficients of the bank `number` (1..4, law_bank.h) were
- * copied to axis->law.bank. If `number` is 0, the force law uses only force_gain. In force mode the
- * change of the bank is bumpless, as a change of the gain is. The integral keeps its value if the
- * new bank has integral action. */
+/* Call axis_bank_selected() after the coefficients of the filter bank `number` (1..4, law_bank.h)
+ * were copied to axis->law.bank. If `number` is 0, the force law uses only force_gain. In force
+ * mode the change of the bank is bumpless, as a change of the gain is. The integral keeps its value
+ * if the new bank has integral action. */
 void axis_bank_selected(axis_t *axis, uint8_t number);
 
 /* Halves the gain of the force law `halvings` times (0..15), from the next tick on. The gain is
- * force_gain or the gain of the selected bank. The change is bumpless. */
+ * force_gain or the gain of the selected filter bank. The change is bumpless. */
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
 /* Latches a fault (AXIS_FAULT_) that was detected outside axis_tick(), unless another fault is

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CORE_FORCE_LAW_H_
 #define FIRMWARE_CORE_FORCE_LAW_H_
 
-/* The general force law. A bank (law_bank.h) contains the coefficients of this law:
+/* The general force law. A filter bank (law_bank.h) contains the coefficients of this law:
  *
  *   y = H(z) (f_d - f)                  H: up to three second-order sections in series
  *   u = k_f y + i - k_v v               i grows by w k_f y in each tick; v in counts per tick
@@ -27,7 +27,7 @@ enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 }
 typedef struct {
   /* coefficients b0, b1, b2, a1, a2 of each second-order section */
   int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS];
-  /* integral rate w of the bank in 1/tick, at most 1 */
+  /* integral rate w of the filter bank in 1/tick, at most 1 */
   uint32_t integral_q26;
   uint16_t gain_q8;
   uint16_t velocity_gain_q8;
@@ -47,12 +47,12 @@ typedef struct {
   force_section_t sections[FORCE_LAW_SECTIONS];
   int32_t integral_q16;            /* integral in 1/65536 code */
   uint32_t integral_remainder_q26; /* rounding remainder of the integral, in 2^-42 code */
-  /* number of the selected bank; with 0 the force law is law_force() with force_gain */
+  /* number of the selected filter bank; with 0 the force law is law_force() with force_gain */
   uint8_t selected;
   /* number of times that the contact guard halved the active gain; each halved gain is rounded
    * down */
   uint8_t halvings;
-  /* gain of the bank before the contact guard halved it, in 1/256 code per count */
+  /* gain of the filter bank before the contact guard halved it, in 1/256 code per count */
   uint16_t whole_gain_q8;
 } force_law_t;
 

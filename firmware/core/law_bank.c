@@ -85,7 +85,7 @@ uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bit
   return is_too_steep(params, bank, adc_bits) ? AXIS_BANK_STATE_HF_GAIN : AXIS_BANK_STATE_VALID;
 }
 
-/* Returns the number (0..3) of the bank to which an object belongs, or -1. */
+/* Returns the number (0..3) of the filter bank to which an object belongs, or -1. */
 static int bank_of(uint16_t object) {
   enum { SCALARS = 5 };
   static const uint16_t first[SCALARS] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
@@ -129,7 +129,7 @@ void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits) {
   }
 }
 
-/* Copies the selected bank into the force law. The values are copied one by one, because the
+/* Copies the selected filter bank into the force law. The values are copied one by one, because the
  * compiler would call a library function to copy the complete structure. */
 static void put_in_force(const law_banks_t *banks, axis_t *axis, bool valid) {
   const law_params_t *params = &banks->params;

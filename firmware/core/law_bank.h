@@ -22,11 +22,11 @@ typedef struct {
  * would cause a limit cycle. */
 enum { LAW_BANK_HF_CODES_MAX = 15 };
 
-/* Clears all banks. No bank is then selected. */
+/* Clears all filter banks. No bank is then selected. */
 void law_banks_init(law_banks_t *banks);
 
-/* Computes the CRC-32 of bank 0..3. The CRC covers all values of the bank except bank_crc, in the
- * order of the sub-indices. Each value is a 32-bit word, least significant byte first. */
+/* Computes the CRC-32 of filter bank 0..3. The CRC covers all values of the bank except bank_crc,
+ * in the order of the sub-indices. Each value is a 32-bit word, least significant byte first. */
 uint32_t law_bank_crc(const law_params_t *params, uint8_t bank);
 
 /* Returns the state (AXIS_BANK_STATE_) of bank 0..3 for an ADC with `adc_bits` bits. The first
@@ -42,21 +42,21 @@ uint32_t law_bank_crc(const law_params_t *params, uint8_t bank);
 uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bits);
 
 /* Checks whether a value, which is within the range of the object, may be written to an object of
- * the banks. Returns FW_OK. Returns FW_ERROR_STATE if the object belongs to the selected bank, or
- * if the value selects a bank that is not valid. */
+ * the filter banks. Returns FW_OK. Returns FW_ERROR_STATE if the object belongs to the selected
+ * bank, or if the value selects a bank that is not valid. */
 int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value);
 
-/* Reacts to a write to an object of the banks: checks the bank to which the object belongs, and
- * makes a newly selected bank the active force law. */
+/* Reacts to a write to an object of the filter banks: checks the bank to which the object belongs,
+ * and makes a newly selected bank the active force law. */
 void law_banks_written(law_banks_t *banks, axis_t *axis, uint16_t object);
 
-/* Reacts to the load of stored values: checks all banks and makes the selected bank the active
- * force law. If the selected bank is not valid, returns false, and the active force law then gives
- * the output 0. */
+/* Reacts to the load of stored values: checks all filter banks and makes the selected bank the
+ * active force law. If the selected bank is not valid, returns false, and the active force law then
+ * gives the output 0. */
 bool law_banks_loaded(law_banks_t *banks, axis_t *axis);
 
-/* Returns true if the selected bank is valid for an ADC with `adc_bits` bits. Also updates the
- * states of all banks for this ADC. */
+/* Returns true if the selected filter bank is valid for an ADC with `adc_bits` bits. Also updates
+ * the states of all banks for this ADC. */
 bool law_banks_fit(const law_banks_t *banks, uint8_t adc_bits);
 void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits);
 

@@ -255,8 +255,8 @@ static void take_sample(const cycle_element_t *element, const cycle_point_t *poi
   }
 }
 
-/* Begins a piece of the curve. If the piece begins inside the window, it counts as an entry through
- * a wrong side. */
+/* Begins a piece of the curve. A piece that begins inside the window counts as an entry through a
+ * side that is not permitted. */
 static void begin_piece(const cycle_element_t *element, cycle_element_state_t *state,
                         const cycle_sample_t *sample) {
   if (element->kind == CYCLE_WINDOW && state->inside != 0) {

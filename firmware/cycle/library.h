@@ -24,7 +24,7 @@ typedef struct {
   /* staging area of CYCLE_PROGRAM_BYTES_MAX bytes; NULL: there is no memory for programs */
   uint8_t *staging;
   uint8_t *records;
-  uint32_t bytes; /* size of the memory for records in bytes */
+  uint32_t bytes; /* size in bytes of the memory for the records of programs */
   uint32_t used;  /* number of bytes of all records in the library */
   /* number of consecutive bytes, from the begin of the staging area on, that were written */
   uint32_t staged;

@@ -61,7 +61,7 @@ uint32_t cycle_results_oldest(const cycle_results_t *results) {
   uint32_t oldest = 0;
   for (uint8_t i = 0; i < results->room; i++) {
     const uint32_t number = results->parts[i].number;
-    /* The numbers of parts wrap, so their difference modulo 2^32 is compared. */
+    /* The numbers of pressed parts wrap, so their difference modulo 2^32 is compared. */
     if (number != 0 && (oldest == 0 || oldest - number < (uint32_t)INT32_MAX)) {
       oldest = number;
     }

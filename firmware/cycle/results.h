@@ -32,7 +32,7 @@ typedef struct {
   uint8_t verdicts[CYCLE_ELEMENTS_MAX];     /* verdict on each evaluation element, CYCLE_GOOD and so
                                              * on (element.h) */
   uint8_t elements;                         /* number of evaluation elements */
-  uint8_t verdict;                          /* verdict on the part, CYCLE_PART_ */
+  uint8_t verdict;                          /* verdict on the pressed part, CYCLE_PART_ */
   uint8_t outcome;                          /* how the cycle ended, CYCLE_BY_PROGRAM and so on
                                              * (cycle.h) */
   /* number of the last phase of the cycle, or of the phase in which the cycle failed */
@@ -65,7 +65,7 @@ const cycle_part_t *cycle_results_find(const cycle_results_t *results, uint32_t 
  * no result of this part waits. */
 bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 
-/* Returns the smallest number of a part whose result waits, or 0 if no result waits. */
+/* Returns the smallest number of a pressed part whose result waits, or 0 if no result waits. */
 uint32_t cycle_results_oldest(const cycle_results_t *results);
 
 /* Returns true if a result with a verdict other than good waits. */

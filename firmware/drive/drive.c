@@ -68,7 +68,7 @@ static bool is_at_rest(const axis_t *axis) {
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    return; /* A later fault does not replace the first fault, which is still reported. */
+    return; /* The first fault stays reported; a later fault does not replace it. */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
       !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
@@ -337,7 +337,7 @@ static void interrupt(cia402_t *drive) {
   cycle_mode_interrupt(drive);
 }
 
-/* Reacts to bits 4 to 8 of the controlword, which have a meaning in the mode of operation. */
+/* Reacts to those of the bits 4 to 8 of the controlword that the active mode of operation uses. */
 static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & AXIS_CONTROLWORD_START) != 0;

@@ -61,10 +61,10 @@ static inline void cia402_control(cia402_t *drive, axis_t *axis, axis_outputs_t 
 void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t previous,
                     int32_t value);
 
-/* Carries out a controlword of a source that is not the owner of the axis and may only stop the
- * axis. Only a halt or a transition to a lower state is carried out. The controlword of the owner
- * stays active, except for its halt bit. Returns false if the axis cannot move and nothing had to
- * be stopped. */
+/* Carries out a controlword of a command source that is not the owner of the axis and may only stop
+ * the axis. Only a halt or a transition to a lower state is carried out. The controlword of the
+ * owner stays active, except for its halt bit. Returns false if the axis cannot move and nothing
+ * had to be stopped. */
 bool cia402_stop(cia402_t *drive, axis_t *axis, uint16_t controlword);
 
 /* Reports in stopped_by (AXIS_STOPPED_BY_) the source that stopped the axis. The report ends when a

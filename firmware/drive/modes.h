@@ -21,7 +21,7 @@ enum { CIA402_HOLDS_NONE, CIA402_HOLDS_SETPOINT, CIA402_HOLDS_TARGET };
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
 struct cia402_mode {
-  /* Each mode has exactly one of the following three. `lead` is a function that moves the
+  /* Each mode sets exactly one of the following three fields. `lead` is a function that moves the
    * trajectory that the axis follows. `run` is a function that commands the axis directly. `native`
    * is a native mode (AXIS_MODE_) that runs with the parameters of the user. */
   void (*lead)(cia402_t *drive, axis_t *axis);

@@ -15,7 +15,8 @@ void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool at_once = (params->controlword & AXIS_CONTROLWORD_AT_ONCE) != 0;
   if (drive->setpoint_buffered != 0 && !at_once) {
-    return; /* A set-point is already buffered, so the new set-point is not acknowledged. */
+    return; /* The new set-point is not acknowledged, because another set-point is already buffered.
+             */
   }
   cia402_setpoint_t setpoint = {.position = params->target_position,
                                 .speed = params->trajectory_velocity};

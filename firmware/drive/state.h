@@ -26,13 +26,13 @@ static inline bool cia402_is_powered(uint8_t state) {
 /* Returns true if the controlword is the command `enable operation`. */
 bool cia402_enables(uint16_t controlword);
 
-/* Returns true if a write of `value` to `object` requests a stop. Every source may request a stop.
- * Such a write is the native mode `disabled`, or a controlword with the command `shutdown`, `switch
- * on` (`disable operation`), `disable voltage` or `quick stop`, or with the halt bit. */
+/* Returns true if a write of `value` to `object` requests a stop. Every command source may request
+ * a stop. Such a write is the native mode `disabled`, or a controlword with the command `shutdown`,
+ * `switch on` (`disable operation`), `disable voltage` or `quick stop`, or with the halt bit. */
 bool cia402_is_stop(uint16_t object, int32_t value);
 
-/* Returns the next state for a controlword whose source may only stop the axis. The result is
- * `state` if the controlword would lead to a higher state. */
+/* Returns the next state for a controlword whose command source may only stop the axis. The result
+ * is `state` if the controlword would lead to a higher state. */
 uint8_t cia402_state_below(uint8_t state, uint16_t controlword);
 
 #endif

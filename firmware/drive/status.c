@@ -168,8 +168,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
   const bool controlled = drive->controlled != 0;
   guards_observe(&drive->guards, &drive->params, &drive->signals, axis, controlled);
-  /* Some signals are computed only in even ticks, and the others only in odd ticks. So the longest
-   * tick is shorter. */
+  /* Some signals are computed only in even ticks, and the others only in odd ticks. This shortens
+   * the longest tick. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
     drive->signals.velocity_sensor =

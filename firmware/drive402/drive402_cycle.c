@@ -30,7 +30,7 @@ void drive402_cycle_receive(drive402_t *master, const can_frame_t *frame) {
     master->other_length = 1;
     return;
   }
-  /* After a missing TPDO, the next received TPDO may be the missing one, which is only late. */
+  /* After a missing TPDO, the next TPDO may be the missing one that arrives late. */
   const bool late = master->missing > 0 && master->tpdos == 0;
   master->age_ticks = (uint16_t)(master->since_sync + (late ? master->cycle_ticks : 0));
   master->statusword = (uint16_t)fx_load_le(frame->data, 2);

@@ -261,10 +261,10 @@ static inline int32_t fx_per_s_from_tick(int32_t x) {
   return fx_saturate((int64_t)x * 1500, INT32_MIN, INT32_MAX);
 }
 
-/* Returns the mean change per step of a change x over n steps, n 1..256, truncated towards 0.
- * `rest` contains the remainder of the last division, within +-255, and receives the remainder of
- * this division. So the sum of all changes x is the sum of n times each mean, plus the last
- * remainder. Overflow: for n = 1 the result wraps. */
+/* Returns the mean change per step of a value that changes by x in n steps, n 1..256, truncated
+ * towards 0. `rest` contains the remainder of the last division, within +-255, and receives the
+ * remainder of this division. So the sum of all changes x is the sum of n times each mean, plus the
+ * last remainder. Overflow: for n = 1 the result wraps. */
 static inline int32_t fx_mean(int32_t x, int32_t n, int16_t *rest) {
   fx_assert(n >= 1 && n <= 256);
   fx_assert(*rest > -256 && *rest < 256);
@@ -376,8 +376,7 @@ static inline uint16_t fx_highest_code(uint8_t bits) {
   return (uint16_t)(((uint32_t)1 << bits) - 1);
 }
 
-/* Ways in which fx_interpolate() rounds: towards minus infinity, towards plus infinity, or half
- * up. */
+/* Rounding modes of fx_interpolate(): towards minus infinity, towards plus infinity, or half up. */
 enum { FX_ROUND_DOWN = 0, FX_ROUND_UP = 1, FX_ROUND_HALF_UP = 2 };
 
 /* Returns y at x on the line through (x0, y0) and (x1, y1): y0 + (y1 - y0) (x - x0) / (x1 - x0),
@@ -395,7 +394,7 @@ static inline int32_t fx_interpolate_short(int32_t x0, int32_t y0, int32_t x1, i
   const uint32_t part = (uint32_t)(x - x0);
   const bool falls = y1 < y0;
   const uint32_t size = fx_magnitude(y1 - y0);
-  /* The product is computed in two digits of 12 bits, so that no number has more than 32 bits:
+  /* The product is computed in two parts of 12 bits each, so that no number has more than 32 bits:
    * `high` is below 2^31, and the last sum is below 8192 times `length`. If the line falls, the
    * quotient is subtracted, so a half is then rounded down. */
   const uint32_t high = (size >> 12) * part;

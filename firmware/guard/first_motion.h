@@ -63,8 +63,8 @@ enum {
   /* longest time for which the largest code is output: 200 ms, ten time constants of a slow
    * drive */
   FIRST_MOTION_HOLD_TICKS = 300,
-  /* largest permitted motion divided by first_motion_counts. The factor is more than 1, because the
-   * axis slows down later than its DAC code */
+  /* largest permitted motion as a multiple of first_motion_counts. It is more than 1, because the
+     axis slows down later than its DAC code falls */
   FIRST_MOTION_REACH = 8,
   /* largest permitted change of the encoder at standstill, in counts */
   FIRST_MOTION_JITTER_CNT = 2

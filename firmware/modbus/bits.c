@@ -122,7 +122,8 @@ void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count) 
   read_bits(r, DISCRETE, AXIS_DISCRETE_COUNT, first, count);
 }
 
-/* Returns true if the request commands only a stop of the axis. Every source may command a stop. */
+/* Returns true if the request commands only a stop of the axis. Every command source may command a
+ * stop. */
 static bool only_stops(const modbus_request_t *r) {
   bool stops = false;
   for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
@@ -136,8 +137,8 @@ static bool only_stops(const modbus_request_t *r) {
   return stops;
 }
 
-/* Checks whether these coils may be written. Every source may stop the axis, but only the owner may
- * do anything else. */
+/* Checks whether these coils may be written. Every command source may stop the axis, but only the
+ * owner may do anything else. */
 static void ask_permission(modbus_request_t *r) {
   const bool stops = only_stops(r);
   modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,
@@ -216,7 +217,7 @@ static void command(modbus_request_t *r) {
     modbus_end(r, MODBUS_EXCEPTION_STATE);
   } else if (r->one[AXIS_COIL_STORE] &&
              (r->one[AXIS_COIL_RECORDER_TRIGGER] || r->one[AXIS_COIL_ENABLE])) {
-    /* The second command would be refused because of the save in progress. */
+    /* The save would still be in progress at the second command, which would then be refused. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
   } else if (r->one[AXIS_COIL_STORE]) {
     write(r, COMMAND, AXIS_OBJ_STORE_PARAMETERS, 1);
@@ -236,8 +237,9 @@ static void enable(modbus_request_t *r) {
   }
 }
 
-/* Returns true if the request ends when the last access is refused. All other accesses were checked
- * before, and the drive state shows afterwards whether the axis was enabled. */
+/* Returns true if a refusal of the last access ends the request with an exception. The other
+ * accesses were checked before, and the drive state shows afterwards whether the axis was enabled.
+ */
 static bool is_decisive(const modbus_request_t *r) {
   return r->step == PERMISSION || r->step == COMMAND || r->step == DISABLE;
 }

@@ -62,7 +62,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return select_entries(&request, table, first, count);
 }
 
-/* Returns the 16-bit word in register `n` of a value that has `registers` registers. */
+/* Returns the 16-bit word that register `n` has of a value with `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -125,7 +125,7 @@ static bool is_irreversible(uint16_t object) {
          axis_objects[object].block == AXIS_BLOCK_NONE;
 }
 
-/* Returns true if a write of `value` to `object` releases the axis to a source other than
+/* Returns true if a write of `value` to `object` releases the axis to a command source other than
  * Modbus. */
 static bool releases_axis(uint16_t object, int32_t value) {
   return object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
@@ -251,7 +251,7 @@ static void written(modbus_request_t *r) {
   if (r->access.refusal != FW_OK) {
     r->exception = modbus_exception_of(r->access.refusal);
     while (r->writes_those && r->entry < r->end) {
-      go_on(r); /* All reversible entries are already written. */
+      go_on(r); /* All entries whose write can be undone are already written. */
     }
     take_back(r);
     return;

@@ -116,10 +116,10 @@ static bool closes(const modbus_t *modbus) {
   return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
 }
 
-/* Returns true if the received frame is complete. In a frame to another unit only the CRC
- * determines this. If the CRC over its bytes is 0 too early by chance, the remaining bytes are
- * discarded as an invalid frame. In a frame with an unknown function the CRC is not used for this:
- * if the high byte of the CRC in the frame is 0, the CRC over the bytes is 0 one byte too early. */
+/* Returns true if the received frame is complete. A frame to another unit is complete when its CRC
+ * is correct. If this happens too early by chance, the remaining bytes are discarded as an invalid
+ * frame. A correct CRC does not end a frame with an unknown function, because the CRC is already
+ * correct one byte before the end if its high byte is 0. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;

@@ -17,7 +17,8 @@ enum {
   /* the value is out of range, the write is to half of a 32-bit object, or the request is
    * malformed */
   MODBUS_EXCEPTION_VALUE = 3,
-  MODBUS_EXCEPTION_STATE = 4,  /* the state forbids the access, or another source owns the axis */
+  MODBUS_EXCEPTION_STATE =
+      4, /* the state forbids the access, or another command source owns the axis */
   MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is busy */
   MODBUS_EXCEPTION_PATH = 10,  /* the gateway has no axis with this unit */
   MODBUS_EXCEPTION_TARGET = 11 /* the axis does not answer the gateway */

@@ -12,8 +12,8 @@
 
 typedef struct dictionary dictionary_t;
 
-/* Sources of an access to an object. The first three sources have the same numbers as in the object
- * command_source. */
+/* Command sources of an access to an object. The first three sources have the same numbers as in
+ * the object command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = 0,
   FW_SOURCE_MODBUS = 1,
@@ -24,7 +24,7 @@ typedef enum {
 } fw_source_t;
 
 /* Reads the raw value of an object (AXIS_OBJ_). An unsigned 32-bit value keeps its bits in `value`.
- * Every source may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
+ * Every command source may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
 /* Writes a raw value to an object or executes a command, on behalf of `source`. All writes to

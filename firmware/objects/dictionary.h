@@ -2,9 +2,8 @@
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
 /* The object dictionary for the module that contains the values (app/fw.c). This module passes a
- * table to the dictionary. Each row of the table belongs to one block of objects, and has the
- * position of the values and the functions that the dictionary calls. Protocols use access.h
- * instead. */
+ * table to the dictionary. Each row of the table describes one block of objects: where its values
+ * are, and which functions the dictionary calls. Protocols use access.h instead. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -27,8 +26,8 @@ typedef struct {
 
 typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
-  /* Function that returns FW_OK if this source may write this object now. The result depends on the
-   * owner and the state of the axis. */
+  /* Function that returns FW_OK if this command source may write this object now. The result
+   * depends on the owner and the state of the axis. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
   /* Function that is called after a write has changed the value of an object, if the object is a
    * stored parameter, or if its change ends a cycle (AXIS_IN_CYCLE_ENDS). */
@@ -71,13 +70,13 @@ bool dictionary_has_value(uint16_t object);
  * if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns true if the object is open, which means that every source may write it. Such an object
- * selects the result or the points of the curve that are read, or acknowledges a result. A write to
- * such an object does not show that the owner is still active. */
+/* Returns true if the object is open, which means that every command source may write it. Such an
+ * object selects the result or the points of the curve that are read, or acknowledges a result. A
+ * write to such an object does not show that the owner is still active. */
 bool dictionary_is_open(uint16_t object);
 
-/* Stores that a write of this source to an object that is not open was accepted. The watchdog of
- * the owner uses this. */
+/* Stores, for the watchdog of the owner, that this command source has written an object that is not
+ * open. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
 /* Returns true if a stored value may be restored to this object at power-up. */

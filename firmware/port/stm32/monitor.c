@@ -61,7 +61,7 @@ void monitor_start(int16_t code) {
 }
 
 /* Evaluates the last conversion. Call this function before the conversions of the next tick, so
- * that the conversion has had the time of nearly one tick. */
+ * that the conversion has had nearly one tick of time. */
 void monitor_look(void) {
   if (!is_started) {
     return;

@@ -22,7 +22,7 @@ typedef void (*handler_t)(void);
 enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
 
 /* Table of interrupt vectors. The vector of an interrupt that is never enabled is 0. If such an
- * interrupt occurs, this causes a fault of the core. */
+ * interrupt occurs, the core has a fault. */
 typedef struct {
   uint32_t *stack;
   handler_t handlers[EXCEPTION_IRQ + IRQ_LAST];

@@ -109,8 +109,8 @@ static uint32_t place_of(const sectors_t *sectors, uint32_t address) {
   return BANK_2 + sectors->first_page * PAGE_BYTES + 2 * address;
 }
 
-/* Reads a word of a memory. A damaged word reads as 0. The value 0 is not blank, and with this
- * value instead of the stored word no record is complete. */
+/* Reads a word of a memory. A damaged word reads as 0. This value is not blank, and a record with
+ * this value in place of the stored word is not complete. */
 static uint32_t read_word(const sectors_t *sectors, uint32_t address) {
   const volatile uint32_t *place = (const volatile uint32_t *)place_of(sectors, address);
   reading = ASKED;
