@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_BOARD_H_
 #define FIRMWARE_APP_BOARD_H_
 
-/* Information about the board: the cause of the last reset, which is read at power-up, and the
- * errors of the board that are detected in a tick. */
+/* Information about the board. The cause of the last reset is read at power-up, and errors of the
+ * board are detected in each tick. */
 
 #include "firmware/app/fw_state.h"
 

@@ -67,9 +67,9 @@ typedef struct {
    * permitted if recorder_bytes is 0 */
   void *recorder_buffer;
   uint32_t recorder_bytes;
-  /* Memory of the black box, which needs no initial value; NULL if there is no black box. To keep
-   * an incident over a restart, this memory and recorder_buffer must be in memory that a restart
-   * does not clear. */
+  /* Memory of the black box; it needs no initial value. NULL if there is no black box. To keep an
+   * incident over a restart, this memory and recorder_buffer must be in memory that a restart does
+   * not clear. */
   blackbox_t *blackbox;
   const store_memory_t *memory; /* memory of the parameter store; NULL if no parameter is stored */
   /* memory of the archive; NULL if no incident is kept over a power cut */

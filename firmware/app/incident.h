@@ -31,7 +31,7 @@ static inline bool incident_samples(const fw_t *fw) {
 }
 
 /* Starts and updates the black box and its signals. Also computes the CRC of an incident in small
- * steps, which take 1.2 s together. Call incident_serve() in fw_between(). */
+ * steps; together the steps take 1.2 s. Call incident_serve() in fw_between(). */
 void incident_serve(fw_t *fw);
 
 /* Call incident_yield() when a recording was armed: the black box stops, and the recorder uses the

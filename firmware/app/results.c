@@ -70,7 +70,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Clears a result. Its number becomes 0, which means that the result belongs to no part. */
+/* Clears a result. Its number becomes 0: it belongs to no pressed part. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;

@@ -159,7 +159,7 @@ static int finish(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_NONE, FW_OK);
 }
 
-/* Programs the last 4 received bytes, which end at the offset `received`. */
+/* Programs the last 4 received bytes. They end at the offset `received` of the update. */
 static int take_word(fw_t *fw) {
   const uint32_t end = fw->update.received - UPDATE_HEAD_BYTES;
   const uint32_t slot = other_slot(fw) * fw->config.slots->memory->sector_bytes;

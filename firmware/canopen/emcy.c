@@ -37,8 +37,8 @@ void emcy_update(canopen_t *canopen) {
                     : drive;
 }
 
-/* Adds an error to the error history, which begins with the latest error. If the history is full,
- * its oldest error is discarded. */
+/* Adds an error at the start of the error history. If the history is full, its oldest error is
+ * discarded. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {

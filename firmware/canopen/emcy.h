@@ -24,7 +24,7 @@
 
 #include "firmware/canopen/state.h"
 
-/* Adds an emergency message to the waiting messages, which are sent at the end of a tick. If too
+/* Adds an emergency message to the waiting messages. They are sent at the end of a tick. If too
  * many messages wait, the oldest message is discarded. Its error remains in the error history, and
  * the latest message shows the present state. */
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);

@@ -125,9 +125,9 @@ void canopen_bus(canopen_t *canopen, uint8_t state);
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
-/* Checks whether an object of the node may now be set to `value`, which is within the range of the
- * object. Returns FW_OK, FW_ERROR_RANGE, FW_ERROR_STATE or FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT
- * if a mapping entry contains an object that does not exist. */
+/* Checks whether an object of the node may now be set to `value`. The value is within the range of
+ * the object. Returns FW_OK, FW_ERROR_RANGE, FW_ERROR_STATE or FW_ERROR_MAPPING, or
+ * FW_ERROR_NO_OBJECT if a mapping entry contains an object that does not exist. */
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 
 /* Acts on a write that has changed an object of the node from `previous` to `value`. If the two

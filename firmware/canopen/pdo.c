@@ -24,7 +24,7 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
 }
 
 /* Updates the set of TPDOs whose values must be compared in every tick. A tick needs no
- * instructions for the other TPDOs. */
+ * instructions for TPDOs that are not in this set. */
 static void update_watched(canopen_t *canopen) {
   canopen->tpdos_watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {

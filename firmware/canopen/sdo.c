@@ -26,7 +26,8 @@ enum {
 };
 enum { EXPEDITED = 0x02, SIZED = 0x01, TOGGLE = 0x10, LAST = 0x01 };
 
-/* Largest number of data bytes in an expedited request, which contains the value itself. */
+/* Largest number of data bytes in an expedited request. Such a request contains the value itself.
+ */
 enum { EXPEDITED_BYTES = 4 };
 
 static void abort_segment(const sdo_request_t *request, uint32_t code) {

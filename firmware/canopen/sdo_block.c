@@ -268,8 +268,8 @@ void sdo_block_download(const sdo_request_t *request) {
   }
 }
 
-/* Acknowledges the segments of a block up to the first missing segment. The client sends the other
- * segments again, as the first segments of the next block. */
+/* Acknowledges the segments of a block up to the first missing segment. The client sends the
+ * missing segment and all later ones again, at the start of the next block. */
 static void answer_block(const sdo_request_t *request, bool is_complete) {
   sdo_server_t *server = request->server;
   can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_SEGMENT, 0, 0);

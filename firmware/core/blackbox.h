@@ -57,8 +57,8 @@ void blackbox_init(blackbox_t *blackbox, void *buffer, uint32_t buffer_bytes,
                    const recorder_channel_t channels[RECORDER_CHANNELS], uint16_t reset_error);
 
 /* Starts the recording of the black box. The black box detects an error by the channel `trigger`,
- * which is the signal error_code. If the buffer has room for at most BLACKBOX_AFTER samples, the
- * black box records nothing. */
+ * the channel of the signal error_code. If the buffer has room for at most BLACKBOX_AFTER samples,
+ * the black box records nothing. */
 void blackbox_start(blackbox_t *blackbox, const recorder_channel_t channels[RECORDER_CHANNELS],
                     recorder_channel_t trigger);
 
@@ -107,8 +107,8 @@ void blackbox_restore(blackbox_t *blackbox, uint32_t tick, uint16_t error_code, 
 uint32_t blackbox_bytes(uint32_t buffer_bytes,
                         const recorder_channel_t channels[RECORDER_CHANNELS]);
 
-/* Shows the incident to clients as a completed recording of `recorder`, which uses the same
- * buffer. */
+/* Shows the incident to clients as a completed recording of `recorder`. The black box and the
+ * recorder use the same buffer. */
 void blackbox_show(const blackbox_t *blackbox, recorder_t *recorder);
 
 #endif

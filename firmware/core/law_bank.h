@@ -41,8 +41,8 @@ uint32_t law_bank_crc(const law_params_t *params, uint8_t bank);
  *   valid       none of these conditions */
 uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bits);
 
-/* Checks whether a value, which is within the range of the object, may be written to an object of
- * the filter banks. Returns FW_OK. Returns FW_ERROR_STATE if the object belongs to the selected
+/* Checks whether a value may be written to an object of the filter banks. The value is within the
+ * range of the object. Returns FW_OK. Returns FW_ERROR_STATE if the object belongs to the selected
  * bank, or if the value selects a bank that is not valid. */
 int law_banks_check(const law_banks_t *banks, uint16_t object, int32_t value);
 

@@ -33,8 +33,8 @@ void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *chann
   }
 }
 
-/* Converts a value of the trigger signal. An unsigned comparison of two converted values gives the
- * order of the signal values. */
+/* Converts a value of the trigger signal, so that an unsigned comparison of two converted values
+ * gives the order of the signal values. */
 static uint32_t ordered(const recorder_t *recorder, int32_t value) {
   return (uint32_t)value ^ recorder->trigger_flip;
 }

@@ -44,8 +44,8 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
-  /* number of channels, from the first one on, whose value can be copied as 4 bytes without writing
-   * beyond the end of the sample */
+  /* number of first channels whose values can be copied as 4 bytes without a write beyond the end
+   * of the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
   /* 1 if the field trigger_previous contains the value of the trigger signal in the last tick */

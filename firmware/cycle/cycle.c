@@ -232,8 +232,8 @@ static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
   }
 }
 
-/* Returns true if a condition of the kind `when` can be met in this tick: the sample is valid, or a
- * condition of this kind needs no sample. */
+/* Returns true if a condition of the kind `when` can be met in this tick. This is so if the sample
+ * is valid, or if a condition of this kind needs no sample. */
 static bool has_sample(const cycle_t *cycle, uint8_t when, const cycle_inputs_t *now) {
   return now->defects == CYCLE_SAMPLE_VALID || when == CYCLE_TIME || when == CYCLE_INPUT_ON ||
          when == CYCLE_INPUT_OFF || (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);

@@ -121,7 +121,7 @@ typedef struct {
   uint8_t evaluated;
   uint8_t state; /* state of the cycle, CYCLE_IDLE to CYCLE_DONE */
   uint8_t phase; /* number of the running phase, or of the last phase */
-  /* outcome, which states how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
+  /* how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
   uint8_t outcome;
   /* number of the phase in which the cycle failed. It has failed when a limit was exceeded for the
    * first time, when the cycle was stopped, or when a sample was not valid for the first time */

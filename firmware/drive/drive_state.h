@@ -155,7 +155,7 @@ typedef struct {
   guards_t guards;
   cia402_homing_t homing;
   cycle_t cycle; /* press cycle of mode -9 */
-  /* selected cycle program, which has passed its check; NULL: no program */
+  /* selected cycle program; it has passed its check. NULL: no program */
   const cycle_header_t *program;
   /* reason (AXIS_CYCLE_STATE_) why the firmware permits no start of a cycle; idle: a start is
    * permitted */

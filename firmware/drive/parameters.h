@@ -26,8 +26,8 @@ void parameters_derive(cia402_t *drive);
  * true if earlier written targets have another meaning after the change. */
 bool parameters_written(cia402_t *drive, uint16_t object);
 
-/* Checks whether `value`, which is within the range of the object, may be written to an object of
- * the drive. Returns FW_OK or FW_ERROR_RANGE. */
+/* Checks whether `value` may be written to an object of the drive. The value is within the range of
+ * the object. Returns FW_OK or FW_ERROR_RANGE. */
 int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 
 /* Restricts a force law that has no certificate, or removes this restriction. In every mode that

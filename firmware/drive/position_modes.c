@@ -95,7 +95,7 @@ static void pursue_setpoint(cia402_t *drive, const motion_distance_t *known) {
 }
 
 /* Ends a guarded move at contact. The axis stops at its present position. It does not move on to
- * the position of the trajectory, which is ahead of the axis. */
+ * the position of the trajectory, because the trajectory is ahead of the axis. */
 static void stop_by_contact(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
   shaper_clear(&drive->motion_shaper);

@@ -10,7 +10,7 @@
 void cia402_observe(cia402_t *drive, const axis_t *axis);
 
 /* Updates only the drive state, the error code and the statusword. Call this function after a write
- * between ticks. */
+ * that occurs between two ticks. */
 void cia402_show(cia402_t *drive, const axis_t *axis);
 
 #endif

@@ -182,8 +182,8 @@ static void configure(drive402_t *master) {
   }
 }
 
-/* Returns the reason why the drive, whose node was started, is not ready yet, for example a missing
- * TPDO. */
+/* Returns the reason why the drive is not ready yet after the start of its node, for example a
+ * missing TPDO. */
 static uint8_t start_reason(const drive402_t *master) {
   if (master->sampled != 0) {
     return DRIVE402_START_TIMEOUT;

@@ -66,7 +66,7 @@ static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
   to[3] = byte_3;
 }
 
-/* Sets `count` bytes to 0, which is the defined initial state of a structure. Do not call this
+/* Sets `count` bytes to 0. This is the defined initial state of a structure. Do not call this
  * function in the interrupt of the tick. */
 void fx_clear(void *to, uint32_t count);
 

@@ -285,8 +285,8 @@ static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
   return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
 }
 
-/* A ratio, which is the number mantissa / 2^shift. The mantissa is 2^31..2^32-1, or 0 if the ratio
- * is negligible. */
+/* A ratio: the number mantissa / 2^shift. The mantissa is 2^31..2^32-1, or 0 if the ratio is
+ * negligible. */
 typedef struct {
   uint32_t mantissa;
   uint8_t shift;

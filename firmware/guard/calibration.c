@@ -63,9 +63,9 @@ static int32_t scaled(int64_t y, int8_t e) {
   return (int32_t)(y * fx_scale(1, (uint32_t)e));
 }
 
-/* Returns the linearity error in 0.01 per mille, which is the largest |y - slope x| divided by the
- * span of y. The reference forces are scaled so that their span is 2^28 to 2^29. Rounding errors
- * are then negligible. */
+/* Returns the linearity error: the largest |y - slope x| divided by the span of y, in 0.01 per
+ * mille. The reference forces are scaled so that their span is 2^28 to 2^29. Rounding errors are
+ * then negligible. */
 static uint16_t linearity_of(const points_t *points) {
   int8_t e = 0;
   int64_t span = points->y_span;

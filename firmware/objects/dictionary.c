@@ -56,8 +56,8 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
   return FW_OK;
 }
 
-/* Returns FW_OK if the write is permitted. Otherwise returns the error code of the refusal, which
- * depends on the object table, the owner of the axis, or the state of the axis. */
+/* Returns FW_OK if the write is permitted. Otherwise returns the error code of the refusal. The
+ * result depends on the object table, on the owner of the axis and on the state of the axis. */
 static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (!exists(object)) {
     return FW_ERROR_NO_OBJECT;

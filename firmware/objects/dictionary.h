@@ -14,9 +14,9 @@
  * structure. */
 typedef struct {
   uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
-  /* Function that returns FW_OK if a value, which is within the range of its object, may be
-   * written. It changes no state. The function pointer is NULL if every value within the range may
-   * be written. */
+  /* Function that returns FW_OK if a value may be written that is within the range of its object.
+   * It changes no state. The function pointer is NULL if every value within the range may be
+   * written. */
   int (*check)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
   /* Function that is called after a write has changed a value from `previous` to `value`. The
    * function pointer is NULL if no action follows a write. */
@@ -70,9 +70,9 @@ bool dictionary_has_value(uint16_t object);
  * if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns true if the object is open, which means that every command source may write it. Such an
- * object selects the result or the points of the curve that are read, or acknowledges a result. A
- * write to such an object does not show that the owner is still active. */
+/* Returns true if the object is open: every command source may write it. Such an object selects the
+ * result or the points of the curve that are read, or acknowledges a result. A write to such an
+ * object does not show that the owner is still active. */
 bool dictionary_is_open(uint16_t object);
 
 /* Stores, for the watchdog of the owner, that this command source has written an object that is not

@@ -23,8 +23,8 @@ typedef struct {
   uint8_t was_enabled; /* value of the output amp_enable in the last tick */
 } bus_drive_t;
 
-/* Computes the configuration of the master from the parameters drive_ of the object table. Returns
- * false if drive_node_id is 0, which means that there is no drive on a bus. */
+/* Computes the configuration of the master from the parameters of the object table whose names
+ * begin with drive_. Returns false if drive_node_id is 0: there is no drive on a bus. */
 bool bus_drive_config(const device_params_t *params, drive402_config_t *config);
 
 /* Starts the master of the drive. All bytes of *drive must be 0, and *config must exist as long as

@@ -29,8 +29,8 @@ typedef struct {
 typedef struct {
   record_t record;
   uint32_t next; /* offset in bytes of the next entry */
-  /* next change of the object table since version 0.1.0. This field is used only for a parameter
-   * set of version 0.1.0 */
+  /* next entry in the list of changes of the object table since version 0.1.0; used only for a
+   * parameter set of version 0.1.0 */
   const axis_change_t *change;
 } entries_t;
 

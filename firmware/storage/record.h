@@ -106,7 +106,7 @@ typedef struct {
   /* 1 if the sector begins with the record RECORD_COPY; the writing of this record may have been
    * interrupted */
   uint8_t is_copy;
-  /* 1 if the sector has a valid mark at its end, which announces a copy of the sector */
+  /* 1 if the end of the sector has a valid mark that announces a copy of the sector */
   uint8_t is_copied;
   /* 1 if the writing of a parameter set was interrupted: bytes after the last complete set are not
    * blank and belong to no record */

@@ -114,7 +114,8 @@ typedef struct {
   /* The following fields describe the work in progress. `step`: next step of this work. */
   uint8_t step;
   uint8_t sector;
-  /* kind of the present job. A job is a command of the user, or a write of extra records */
+  /* kind of the present job of the parameter store: a command of the user, or a write of extra
+   * records */
   uint8_t job;
   uint8_t item;    /* number of the record that is being written */
   uint8_t items;   /* set, as bits, of the records that the present job writes */

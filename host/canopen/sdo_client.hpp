@@ -74,7 +74,7 @@ class SdoClient {
   bool toggle_ = false;
   // Length of the upload in bytes, if the server has announced this length.
   std::optional<std::uint32_t> size_;
-  std::vector<std::uint8_t> data_;  // data received so far in an upload, or all data of a download
+  std::vector<std::uint8_t> data_;  // upload: data received so far; download: all data
   std::size_t sent_ = 0;
   SdoResult result_;
 };

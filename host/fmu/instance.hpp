@@ -35,7 +35,7 @@ class Instance {
   double time_s() const { return clock_.time_s(); }
 
   // Read or write one variable, whose type must be in the set of types.
-  using Types = unsigned;  // set of variable types, as bits 1 << Type
+  using Types = unsigned;  // set of variable types; a type is the bit 1 << Type
   Status get(std::uint32_t reference, Types types, double &value);
   Status set(std::uint32_t reference, Types types, double value);
   // Returns the type of a variable; int32 if there is no such variable.

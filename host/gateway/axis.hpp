@@ -132,7 +132,7 @@ class GatewayAxis {
   bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
-  bool published_ = true;  // true: the state after the last SYNC was published
+  bool published_ = true;  // true: the state of the axis after the last SYNC was published
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
   Time heard_;    // time at which the latest heartbeat of the node was received

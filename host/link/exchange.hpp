@@ -72,7 +72,7 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;      // true: no message arrived during the last wait
+  bool idle_ = false;      // true: the last wait ended without a message
   unsigned answered_ = 0;  // set of the axes that have answered: bit 0 for axis 1, bit 1 for axis 2
 };
 

@@ -171,7 +171,7 @@ class PlantSide {
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
   std::size_t task_place_ = 0;      // index of the signal that ForceTask::signal names
-  std::vector<double> task_force_;  // value of the signal ForceTask::signal in N at each tick
+  std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

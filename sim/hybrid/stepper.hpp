@@ -163,7 +163,7 @@ class Stepper {
                     // matrices `forms`
   };
   std::vector<Recent> recent_;
-  Recent *current_ = nullptr;  // entry of recent_ that refers to *mode_
+  Recent *current_ = nullptr;  // the entry of recent_ for the present mode
 };
 
 }  // namespace forceaxis::sim

@@ -441,7 +441,7 @@ namespace {
 // The range of low frequencies, from 0 on, in which the gain of a loop with two integrals is close
 // to -1 at some gain of the law.
 struct LowEnd {
-  std::size_t points = 0;  // number of grid points in this range
+  std::size_t points = 0;  // number of grid points in the low range
   double least_gain = 0;   // at larger gains, |S| is within its bound at these frequencies
 };
 

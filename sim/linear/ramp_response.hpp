@@ -40,8 +40,7 @@ class RampResponse {
   // Values tan(pi f T) of all harmonics, followed by those of their alias frequencies (alias_of).
   std::vector<double> w_;
   std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
-  std::vector<ComplexPair> plants_;  // responses with delay, in pairs; the last one is repeated if
-                                     // their number is odd
+  std::vector<ComplexPair> plants_;  // delayed responses in pairs; the last may be repeated
 };
 
 }  // namespace forceaxis::sim

@@ -189,7 +189,7 @@ typedef struct {
   uint8_t dac_bits; /* resolution of the output in bits; the smallest step of the output is 2^(12-dac_bits) DAC codes. More than 12 bits need a drive on a bus, or a board whose DAC has that resolution [1] */
   uint8_t profile_enable; /* type of the motion to a new position set-point: a step of the set-point, or a profile with a trapezoidal speed [enum] */
   uint8_t latency_ticks; /* number of ticks between a reading of the sensors and the output of the DAC code that is computed from it [tick] */
-  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias, which keeps the output continuous after a change of mode or gain. In each tick this bias is reduced by the fraction 2^-n of its value. 0 means no bias [1] */
+  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias. In each tick this bias is reduced by the fraction 2^-n of its value. 0 means that the output has no bias after a change of mode or gain [1] */
   uint8_t position_age_max; /* largest permitted age of the encoder count while a mode is active; a larger age causes the fault position_old [tick] */
   uint8_t force_age_max; /* largest permitted age of the ADC code of the force sensor while a mode is active; a larger age causes the fault force_old [tick] */
 } axis_params_t;

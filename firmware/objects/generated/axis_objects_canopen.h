@@ -236,7 +236,7 @@ typedef struct {
   uint32_t vendor_id; /* vendor number assigned by CiA; 0 means that none is assigned [1] */
   uint32_t product_code; /* product number of the device; this device is one axis with force control [1] */
   uint32_t revision_number; /* revision of the device: major number in the upper 16 bits, minor number in the lower 16 bits [1] */
-  uint32_t serial_number; /* serial number of the device, which the board reports [1] */
+  uint32_t serial_number; /* serial number of the device; the board determines it [1] */
   uint32_t sdo_server_receive; /* COB-ID of SDO requests that a CANopen master sends to the axis [1] */
   uint32_t sdo_server_transmit; /* COB-ID of SDO answers that the axis sends to a CANopen master [1] */
   uint32_t program_crc[2]; /* CRC-32 of a firmware image. Sub-index 1: the image that runs; sub-index 2: the image in the other slot of the flash memory; 0 if this slot has no complete image [1] */

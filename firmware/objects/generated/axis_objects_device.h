@@ -449,7 +449,7 @@ typedef struct {
   uint32_t cycle_data[16]; /* bytes 4 (n - 1) to 4 n - 1 of a piece of a cycle program, lowest byte first. The piece begins at cycle_data_offset and must follow the one before without a gap. A first piece that is the head of a firmware image begins an update of the firmware. After a write of cycle_curve_first, these objects show points of the curve [1] */
   uint32_t cycle_curve_step_travel; /* change of the travel after which the curve of a cycle gets its next point, unless the step of force or of time comes earlier; 0 means that the travel alone gives no point; acts from the next cycle on [count] */
   uint32_t cycle_curve_step_force; /* change of the measured force after which the curve of a cycle gets its next point; 0 means that the force alone gives no point; acts from the next cycle on [1/256 count] */
-  uint32_t cycle_result_number; /* number of the pressed part whose result the objects with the prefix cycle_result_ show; 0 means the last part [1] */
+  uint32_t cycle_result_number; /* number of the pressed part that is selected: the objects with the prefix cycle_result_ show its result; 0 means the last part [1] */
   uint32_t cycle_acknowledge; /* a write of the number of a pressed part acknowledges the result of this part, so that the axis need not keep it any longer; every bus may write this object; 0 acknowledges nothing [1] */
   uint32_t cycle_serial[4]; /* 4 bytes of the serial number of the next part, lowest byte first; unused bytes are 0. A cycle takes the serial number over when it starts, and these objects become 0 [1] */
   uint16_t watchdog; /* longest time between two writes of the owner, if the owner is modbus or lcm; after a longer time the axis has lost its owner. Writes to objects that every bus may write do not restart this time [ms] */
@@ -487,7 +487,7 @@ typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table; it covers addresses, names, types, units, scales, ranges, access and names of values [1] */
   uint32_t store_change[8]; /* one of the parameters that store_change_count counts, as CANopen index times 256 plus sub-index; 0 means none: bit 24 an earlier default was kept [1] */
   uint32_t incident_tick; /* value of tick_count at the incident. For an incident without a fault, it is the value of tick_count at the last step of the main loop [tick] */
-  uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
+  uint32_t incident_crc; /* CRC-32 of the samples of the incident that the black box keeps, in the order of recorder_data [1] */
   uint32_t drive_failed_object; /* object of the drive whose SDO transfer failed and caused drive_reason, as index times 256 plus sub-index; 0 means none [1] */
   uint32_t drive_abort_code; /* SDO abort code with which the drive refused the transfer of drive_failed_object; 0 means none [1] */
   uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last reset had another cause [1] */
@@ -503,22 +503,22 @@ typedef struct {
   uint32_t cycle_parts_good; /* number of good parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_bad; /* number of bad parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
   uint32_t cycle_parts_aborted; /* number of aborted parts since the axis began to count parts; stored at most every ten minutes, while the axis is disabled [1] */
-  uint32_t cycle_result_part; /* number of the pressed part whose result the objects with the prefix cycle_result_ show; 0 means that the axis does not have the requested result [1] */
-  uint32_t cycle_result_power_up; /* value of cycle_power_up at the time when the part whose result is shown was pressed [1] */
-  uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the part whose result is shown was pressed [1] */
-  uint32_t cycle_result_bank_crc; /* CRC-32 of the filter bank of the force law at the start of the part whose result is shown; 0 without a filter bank, or if contact_unstable_option had halved the gain [1] */
-  uint32_t cycle_result_invalid; /* number of invalid samples in the evaluated phases of the part whose result is shown; 0 for a good part [tick] */
-  uint32_t cycle_result_begin; /* value of tick_count at which the cycle of the part whose result is shown started [tick] */
-  uint32_t cycle_result_duration; /* duration of the cycle of the part whose result is shown [tick] */
-  uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the part whose result is shown, the lowest byte first [1] */
+  uint32_t cycle_result_part; /* number of the pressed part whose result the objects with the prefix cycle_result_ show; 0 means that the axis does not have the result of the selected part [1] */
+  uint32_t cycle_result_power_up; /* value of cycle_power_up when the selected part (cycle_result_number) was pressed [1] */
+  uint32_t cycle_result_program_crc; /* CRC-32 of the cycle program with which the selected part (cycle_result_number) was pressed [1] */
+  uint32_t cycle_result_bank_crc; /* CRC-32 of the filter bank of the force law at the start of the cycle of the selected part (cycle_result_number); 0 without a filter bank, or if contact_unstable_option had halved the gain [1] */
+  uint32_t cycle_result_invalid; /* number of invalid samples of the selected part (cycle_result_number) in evaluated phases; 0 for a good part [tick] */
+  uint32_t cycle_result_begin; /* value of tick_count at the start of the cycle of the selected part (cycle_result_number) [tick] */
+  uint32_t cycle_result_duration; /* duration of the cycle of the selected part (cycle_result_number) [tick] */
+  uint32_t cycle_result_serial[4]; /* 4 bytes of the serial number of the selected part (cycle_result_number), lowest byte first [1] */
   uint32_t cycle_lost_first; /* number of the first pressed part whose result a power cut has erased. Results count as erased if they were not acknowledged when the axis last stored its part numbers. 0 means none [1] */
   uint32_t cycle_lost_last; /* number of the last pressed part whose result a power cut has erased; see cycle_lost_first [1] */
   uint16_t store_change_count; /* number of differences between the stored parameter set and the object table of this firmware. Counted are parameters that were discarded because their meaning has changed, and parameters that keep the default of the earlier firmware [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
   uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
-  uint16_t incident_error_code; /* value of error_code at the incident [1] */
-  uint16_t incident_later; /* number of errors after the incident [1] */
+  uint16_t incident_error_code; /* value of error_code at the incident that the black box keeps [1] */
+  uint16_t incident_later; /* number of errors after the incident that the black box keeps [1] */
   uint16_t drive_error_code; /* error code of the last emergency message of the drive on the second CAN bus; 0 means none [1] */
   uint16_t board_state; /* hardware errors that the board has detected: bit 0 internal oscillator in use, bit 1 option bytes differ from those of the board (brown-out reset, write protection, start), bit 2 image damaged, bit 3 RAM failed, bit 4 supply voltage low, bit 5 ADC reference outside its band, bit 6 DAC output differs from its code, bit 7 pin amp_enable differs from its command, bit 8 tick length differs from the second clock, bit 9 tick length not compared yet, bit 10 converter of the force without the expected identity and settings [1] */
   int16_t tick_deviation; /* relative change of the length of a tick since power-up, measured with a second clock [1/1000 1] */
@@ -531,7 +531,7 @@ typedef struct {
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
   uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
-  uint8_t incident_fault; /* fault that caused the incident [enum] */
+  uint8_t incident_fault; /* fault of the incident that the black box keeps [enum] */
   uint8_t incident_stored; /* state of the incident that is kept over a power cut. The first incident after power-up is kept, but at most one in 24 hours [enum] */
   uint8_t drive_reason; /* reason of the first failure of the drive on the second CAN bus since the last reset of the drive [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor; 0 means not known: bit 1 brown-out, bit 2 reset pin, bit 3 power-up, bit 4 software, bit 5 watchdog, bit 6 window watchdog, bit 7 low power [1] */
@@ -542,9 +542,9 @@ typedef struct {
   uint8_t cycle_result_verdict; /* verdict on the selected evaluation element; none: no cycle has ended yet, or the program has no such element [enum] */
   uint8_t cycle_curve_thinned; /* number of times that the curve was thinned: whenever its memory was full, every second point was dropped and the steps were doubled [1] */
   uint8_t cycle_results_waiting; /* number of results that wait for their acknowledgement; if the memory for results is full, no cycle starts [1] */
-  uint8_t cycle_result_state; /* verdict on the part whose result is shown, with the values of cycle_state [enum] */
-  uint8_t cycle_result_outcome; /* how the cycle of the part whose result is shown ended, with the values of cycle_outcome [enum] */
-  uint8_t cycle_result_phase; /* number of the last phase of the part whose result is shown; the first phase is 0. After a failure it is the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
+  uint8_t cycle_result_state; /* verdict on the selected part (cycle_result_number), with the values of cycle_state [enum] */
+  uint8_t cycle_result_outcome; /* how the cycle of the selected part (cycle_result_number) ended, with the values of cycle_outcome [enum] */
+  uint8_t cycle_result_phase; /* number of the last phase of the selected part (cycle_result_number); the first phase is 0. After a failure it is the phase in which a limit was exceeded, the cycle was stopped or the first sample was not valid [1] */
   uint8_t cycle_store_state; /* whether the cycle programs and the numbers of pressed parts are stored. waiting: the axis stores them as soon as it is disabled. failed: the last write to the memory failed, or the parameters must be saved or restored first [enum] */
   uint8_t program_refusal; /* reason why the last update of the firmware was refused; no_update to not_confirmed leave the slot of the flash memory unchanged [enum] */
   uint8_t program_state; /* state of the running firmware image. trial: the image is not confirmed yet, and after four restarts the earlier image runs again [enum] */

@@ -495,7 +495,7 @@ typedef struct {
   uint32_t following_error_window; /* largest permitted following error; 4294967295 means off [count] */
   uint32_t position_window; /* largest distance from the target position at which the drive reports the target position as reached [count] */
   int32_t target_position; /* position to which the axis shall move [count] */
-  int32_t home_offset; /* user position that the reference position has after homing [count] */
+  int32_t home_offset; /* position in user units that the reference position gets after homing [count] */
   int32_t position_limit_min; /* smallest target position; the drive replaces a smaller target by this limit. The smallest i32 value, -2147483648, means no limit. The force modes ignore this limit and use position_min (2016h) [count] */
   int32_t position_limit_max; /* largest target position; the drive replaces a larger target by this limit. The largest i32 value, 2147483647, means no limit. The force modes ignore this limit and use position_max (2017h) [count] */
   uint32_t encoder_increments; /* number of encoder counts per encoder_revolutions turns of the motor [count] */
@@ -528,7 +528,7 @@ typedef struct {
   int32_t excitation_force_max; /* largest measured force during the excitation; a larger force ends the excitation in the same tick [1/256 count] */
   int32_t excitation_force_min; /* smallest measured force during the excitation; a smaller force ends the excitation in the same tick [1/256 count] */
   uint32_t excitation_travel; /* largest distance from the position at the start of the excitation; a larger distance ends the excitation in the same tick; 0 means off [count] */
-  uint32_t touch_velocity_max; /* largest speed before contact in modes -1, -6, -7 and -8; these modes have no approach with a speed limit of its own; 0 means off [count/s] */
+  uint32_t touch_velocity_max; /* largest speed before contact in modes -1, -6, -7 and -8, where approach_velocity_max does not apply; 0 means off [count/s] */
   uint32_t contact_travel_max; /* largest travel in the direction of pressing after the first contact in a force mode; a larger travel causes the fault contact_travel; 0 means off [count] */
   uint32_t approach_timeout; /* longest time for which a force mode may approach or press without contact; a longer time causes the fault no_contact; 0 means off [ms] */
   uint32_t approach_travel_max; /* largest travel without contact in a force mode; a larger travel causes the fault no_contact; 0 means off [count] */
@@ -544,7 +544,7 @@ typedef struct {
   int16_t quick_stop_option; /* reaction to a quick stop: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable; 5 slow-down ramp, then stay in the state quick stop active; 6 quick-stop ramp, then stay in this state [1] */
   int16_t shutdown_option; /* reaction to the command shutdown: 0 disable immediately; 1 slow-down ramp, then disable [1] */
   int16_t disable_operation_option; /* reaction to the command disable operation: 0 disable immediately; 1 slow-down ramp, then disable [1] */
-  int16_t halt_option; /* reaction to a halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
+  int16_t halt_option; /* reaction to a halt: 1 slow-down ramp; 2 quick-stop ramp [1] */
   int16_t fault_reaction_option; /* reaction to a fault if the sensors are valid: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable [1] */
   uint16_t following_error_timeout; /* longest time for which the following error may exceed following_error_window [ms] */
   uint16_t position_window_time; /* time for which the position must stay within position_window before the drive reports the target position as reached [ms] */
@@ -570,7 +570,7 @@ typedef struct {
   uint16_t force_stuck_travel; /* travel of the axis in contact, within force_stuck_time, that must change the ADC code of the force. Otherwise the fault force_stuck occurs. 0 means off [count] */
   uint16_t force_stuck_time; /* time window in which the travel of the axis is compared with force_stuck_travel; the fault force_stuck occurs if the ADC code of the force does not change in this window [ms] */
   uint16_t force_disconnected_code; /* smallest magnitude of the DAC code at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off [code] */
-  uint16_t force_disconnected_time; /* time of standstill without contact after which the fault force_disconnected occurs [ms] */
+  uint16_t force_disconnected_time; /* time of standstill without contact, at a DAC code of at least force_disconnected_code, after which the fault force_disconnected occurs [ms] */
   uint16_t force_disconnected_travel; /* largest motion within force_disconnected_time that still counts as standstill [count] */
   uint16_t calibration_linearity_max; /* largest permitted linearity error of a calibration [1/100 per mille] */
   uint16_t calibration_date; /* day of the calibration, in days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
@@ -605,7 +605,7 @@ typedef struct {
   int32_t velocity_sensor; /* velocity of the axis over one tick, without a filter [count/s] */
   int32_t velocity_demand; /* velocity demand of the trajectory [count/s] */
   int32_t velocity_actual; /* actual velocity of the axis, mean of the last 16 ticks [count/s] */
-  uint32_t drive_inputs; /* digital inputs in the order of CiA 402: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
+  uint32_t drive_inputs; /* digital inputs of the axis, in the bit order of CiA 402: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
   int32_t excitation_value; /* value of the excitation in this tick; in DAC codes if excitation_point is output, in counts of the measured force if excitation_point is setpoint [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
   int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */

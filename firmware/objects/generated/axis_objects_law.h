@@ -160,7 +160,7 @@ typedef struct {
   uint32_t certificate_hash[4]; /* CRC-32 which shows that the filter bank was designed for this axis; the design tool writes it. It covers bank_crc, adc_bits, force_scale, the version of the force law, and the names, types, units and scales of the objects that the force law uses. 0 means no certificate [1] */
   uint32_t certificate_parts[4]; /* four check bytes of the certificate, from the lowest byte up: filter bank, ADC resolution, force scale, force law. If certificate_hash does not match, these bytes show which of the four differs, and certificate_state names it [1] */
   uint16_t bank_gain[4]; /* gain of this filter bank from the filtered force error to the output, in DAC codes per count of an 8-bit ADC [1/256 code/count] */
-  uint16_t bank_velocity_gain[4]; /* velocity gain of this filter bank, which adds damping, in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
+  uint16_t bank_velocity_gain[4]; /* velocity gain of this filter bank, in DAC codes for a velocity of one encoder count per tick; this gain adds damping [1/256 code tick/count] */
   uint16_t certificate_date[4]; /* day on which the filter bank was designed, in days since 1984-01-01 [1] */
   uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function, over all plants within the tolerances of the certificate [1/1000 1] */
   uint16_t certificate_stiffness[4]; /* largest relative deviation of the workpiece stiffness from its nominal value for which the filter bank was designed [per mille] */
@@ -169,7 +169,7 @@ typedef struct {
   uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law while no certificate matches the force law; output_limit applies too; 2048 means no limit [code] */
   uint8_t force_bank; /* number of the filter bank with which the force law computes; 0 means no filter bank: the force law uses force_gain alone. A filter bank can be selected only if its bank_state is valid. The selected filter bank cannot be written [1] */
   uint8_t bank_sections[4]; /* number of second-order filter sections through which the filter bank passes the force error [1] */
-  uint8_t certificate_required; /* whether the limits uncertified_force and uncertified_output apply to the force law without a filter bank, which has no certificate: 1 yes, 0 no [enum] */
+  uint8_t certificate_required; /* whether the limits uncertified_force and uncertified_output also apply if no filter bank is selected: 1 yes, 0 no. The force law then has no certificate [enum] */
 } law_params_t;
 
 typedef struct {

@@ -1,4 +1,4 @@
-/* The semihosting call of a Cortex-M, which is a request to the host: the instruction BKPT with the
+/* The semihosting call of a Cortex-M, a request to the host. It is the instruction BKPT with the
  * number 0xAB (ARM, "Semihosting for AArch32 and AArch64"). */
 
 #include "firmware/port/emulated/semihosting.h"

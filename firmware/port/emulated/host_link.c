@@ -21,7 +21,7 @@ static uint32_t ticks;
 /* number of ticks that began before the main loop had completed the previous tick */
 static uint32_t late_ticks;
 
-/* Opens the two files in the command line, which is "forceaxis FROM_HOST TO_HOST". */
+/* Opens the two files in the command line "forceaxis FROM_HOST TO_HOST". */
 void host_link_open(void) {
   static char line[LINE_BYTES];
   char *words[3];

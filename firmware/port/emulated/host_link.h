@@ -7,8 +7,8 @@
 
 #include <stdbool.h>
 
-/* Opens the two files in the command line of the emulated program, which is "forceaxis FROM_HOST
- * TO_HOST". If the command line is different, the board runs without a host. */
+/* Opens the two files in the command line of the emulated program, "forceaxis FROM_HOST TO_HOST".
+ * If the command line is different, the board runs without a host. */
 void host_link_open(void);
 bool host_link_is_open(void);
 

@@ -90,8 +90,8 @@ bool port_overran(uint32_t *count) {
  * process instead. */
 void port_feed_watchdog(void) {}
 
-/* If an SDO transfer of an object of the drive has failed, writes to standard error which key of
- * the settings helps. */
+/* If an SDO transfer of an object of the drive has failed, writes to standard error the key of the
+ * settings with which the axis does not need this transfer. */
 static void report_key(const drive402_feedback_t *said) {
   const char *key = drive402_key(said);
   if (key != NULL && said->reason == DRIVE402_SDO_DIFFERS) {
