@@ -43,7 +43,8 @@ typedef struct {
   uint32_t bfar;
 } fw_core_fault_t;
 
-/* The two slots of a board whose firmware can be updated in operation (update.h). */
+/* The two flash slots for firmware images on a board whose firmware can be updated in operation
+ * (update.h). */
 typedef struct {
   const store_memory_t *memory; /* flash memory with one sector for each slot */
   uint32_t address[SLOTS];      /* for each slot, the address for which its image is linked */

@@ -68,8 +68,8 @@ static bool select(fw_t *fw, const cycle_header_t *program) {
   return true;
 }
 
-/* After a change of the library, selects the program with the same number again. The result of the
- * last cycle is lost only if this program itself has changed. */
+/* After a change of the library, selects the cycle program with the same number again. The result
+ * of the last cycle is lost only if this program itself has changed. */
 static void follow_library(fw_t *fw, uint32_t changed) {
   const uint32_t number = fw->device.cycle_program;
   if (number != 0) {
@@ -196,7 +196,7 @@ static int remove_program(fw_t *fw, uint32_t number) {
   return FW_OK;
 }
 
-/* Adds the program in the staging area to the library. */
+/* Adds the cycle program in the staging area to the library. */
 static int accept(fw_t *fw, uint32_t size) {
   const int refusal = refusal_of_change(fw);
   if (refusal != FW_OK) {
@@ -240,7 +240,7 @@ uint32_t programs_download_most(const dictionary_t *objects, uint16_t index) {
 }
 
 /* Returns FW_OK if `source` may download now, otherwise the error code. A download needs the same
- * permission as the removal of a program. */
+ * permission as the removal of a cycle program. */
 static int refusal_of(const dictionary_t *objects, uint8_t source) {
   return ownership_permit(objects, source, AXIS_OBJ_CYCLE_PROGRAM_REMOVE, 1);
 }

@@ -4,8 +4,8 @@
 /* Objects for cycle programs: the library of programs (firmware/cycle/library.h), the download of a
  * program, the selected program, and the result of one evaluation element.
  *
- * One transfer at a time uses the staging area: a download by one SDO server, or a program that a
- * client writes piece by piece to the objects cycle_data. If a client has sent no piece for
+ * One transfer at a time uses the staging area: a download by one SDO server, or a cycle program
+ * that a client writes piece by piece to the objects cycle_data. If a client has sent no piece for
  * PROGRAMS_SILENCE_TICKS, another transfer may begin instead. A download and a removal are refused
  * unless the axis is disabled, because the check of a program or an erase of the flash can last
  * longer than a tick. The selection of a program takes little time. It is refused only while a
@@ -20,7 +20,7 @@
  * transfer. */
 enum { PROGRAMS_SILENCE_TICKS = 7500 };
 
-/* Sets the state at power-up, after store_load(): the library has the stored programs, and no
+/* Sets the state at power-up, after store_load(): the library has the stored programs, and no cycle
  * program is selected. */
 void programs_init(fw_t *fw);
 

@@ -24,8 +24,8 @@ static void read_trailer(const fw_t *fw, uint8_t slot, slot_trailer_t *trailer) 
   memory->read(memory->context, trailer_of(fw, slot), (uint8_t *)trailer, sizeof(*trailer));
 }
 
-/* Programs `count` bytes into the flash memory of the slots at the address `at`, and reads the
- * bytes back. */
+/* Programs `count` bytes at the address `at` into the flash memory of the image slots, and reads
+ * the bytes back. */
 static bool program(const fw_t *fw, uint32_t at, const void *bytes, uint32_t count) {
   const store_memory_t *memory = fw->config.slots->memory;
   bool done = memory->program(memory->context, at, bytes, count);
@@ -133,7 +133,8 @@ static int fail(fw_t *fw) {
   return refuse(fw, AXIS_PROGRAM_REFUSAL_FLASH_FAILED, FW_ERROR_NO_DATA);
 }
 
-/* Checks the head of the update. If the head is valid, erases the slot that the image will use. */
+/* Checks the head of the update. If the head is valid, erases the flash slot that the image will
+ * use. */
 static int take_head(fw_t *fw) {
   const store_memory_t *memory = fw->config.slots->memory;
   const uint8_t reason = refusal_of_head(fw);

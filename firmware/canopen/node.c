@@ -319,7 +319,7 @@ static bool has_timers_due(canopen_t *canopen) {
   return *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
 }
 
-/* Returns true if more than one bit of a set is 1. */
+/* Returns true if more than one bit of the set `set` is 1. */
 static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
 
 static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {

@@ -13,7 +13,7 @@ void canopen_timers_init(canopen_timers_t *timers) {
   }
 }
 
-/* Asserts that every running timer of the node is in a slot of the list of timers. */
+/* Asserts that every running timer of the node is in a slot of the timer list. */
 static inline void assert_timers(const canopen_timers_t *timers) {
   uint32_t listed = 0;
   for (uint8_t i = 0; i < CANOPEN_TIMER_SLOTS; i++) {

@@ -49,7 +49,7 @@ static inline bool canopen_timer_runs(const canopen_timers_t *timers, uint32_t t
   return (timers->running & fx_bit(timer)) != 0;
 }
 
-/* Returns the slot of the list of timers that is checked in the tick `tick`. */
+/* Returns the slot of the timer list that is checked in the tick `tick`. */
 static inline uint32_t *canopen_timer_slot(canopen_timers_t *timers, uint32_t tick) {
   return &timers->slots[tick & (CANOPEN_TIMER_SLOTS - 1)];
 }

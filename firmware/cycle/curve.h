@@ -17,9 +17,9 @@
  * is not moved.
  *
  * The travel of a point is the travel of its sample. In a cycle this travel is the depth
- * (program.h), measured from travel 0 of the program. The offset of the program is subtracted from
- * the force. When travel 0 is found, the same number of counts is subtracted from the travel of all
- * earlier points, so all points have the same zero.
+ * (program.h), measured from travel 0 of the cycle program. The offset of the program is subtracted
+ * from the force. When travel 0 is found, the same number of counts is subtracted from the travel
+ * of all earlier points, so all points have the same zero.
  *
  * Cost on a Cortex-M4: at most 60 instructions for a sample. When travel 0 is found, 6 more
  * instructions for each point, once in a cycle. Each time the curve is thinned, 13 instructions for

@@ -8,8 +8,8 @@ static int32_t within_force(int32_t force_q8) {
   return fx_clamp(force_q8, -CYCLE_FORCE_MAX_Q8, CYCLE_FORCE_MAX_Q8);
 }
 
-/* Subtracts the offset of the program from the measured force. Stores the result, limited to the
- * range of a sample. */
+/* Subtracts the offset of the cycle program from the measured force. Stores the result, limited to
+ * the range of a sample. */
 static void take_force(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->force_q8 = within_force(fx_diff_wrap(now->force_q8, cycle->offset_q8));
 }

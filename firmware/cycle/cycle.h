@@ -29,12 +29,13 @@ enum { CYCLE_SAMPLES = 16 };
 enum { CYCLE_IDLE = 0, CYCLE_RUNNING = 1, CYCLE_ENDED = 2, CYCLE_DONE = 3 };
 
 /* Outcomes: how a cycle ended.
- *   BY_PROGRAM       the cycle ended as the program intends
+ *   BY_PROGRAM       the cycle ended as its cycle program intends
  *   OVER_            a limit of a phase was exceeded
  *   STOPPED          the cycle was stopped from outside
  *   SAMPLES_LOST     samples were not evaluated in time, or ticks were missing
  *   TARE_            the tare of a phase failed: the axis was in contact, or did not stand still,
- * or the offset is beyond tare_band SAMPLES_INVALID  a sample of an evaluated phase is not valid
+ *                    or the offset is beyond tare_band
+ *   SAMPLES_INVALID  a sample of an evaluated phase is not valid
  *   CHANGED          a value that affects the verdict was changed */
 enum {
   CYCLE_BY_PROGRAM = 0,
@@ -68,7 +69,7 @@ typedef struct {
 } cycle_inputs_t;
 
 typedef struct {
-  const cycle_header_t *program; /* selected program; NULL: no program is selected */
+  const cycle_header_t *program; /* selected cycle program; NULL: no program is selected */
   uint32_t phase_ticks;          /* number of ticks since the phase began */
   uint32_t begin_tick;           /* tick in which the cycle started */
   uint32_t last_tick;            /* tick in which the last sample was taken */
@@ -105,7 +106,7 @@ typedef struct {
   /* for each phase with the action FOLLOW, the value of demand_q8 when the phase begins;
    * cycle_select() computes these values */
   int32_t first_q8[CYCLE_PHASES_MAX];
-  /* range of forces that the force sensor must be able to measure for this program */
+  /* range of forces that the force sensor must be able to measure for this cycle program */
   cycle_reach_t reach;
   /* for each condition whose `count` is not 0, number of times in this cycle that it has ended its
    * phase */
@@ -137,20 +138,20 @@ typedef struct {
   uint8_t outputs_before;
   uint8_t zeroed;     /* 1 if travel 0, the origin of the travel, was found */
   uint8_t incomplete; /* 1 if the cycle missed a tick */
-  /* 1 if the cycle ended as the program intends, and the verdict on each evaluation element is
-   * good */
+  /* 1 if the cycle ended as its program intends, and the verdict on each evaluation element
+   * is good */
   uint8_t good;
 } cycle_t;
 
 /* Sets the state of a cycle at power-up: no cycle has run. */
 void cycle_init(cycle_t *cycle);
 
-/* Selects the program of the next cycles. cycle_program_check() must have accepted the program.
- * NULL selects no program. The state of the cycle is then the same as at power-up. */
+/* Selects the cycle program of the next cycles. cycle_program_check() must have accepted the
+ * program. NULL selects no program. The state of the cycle is then the same as at power-up. */
 void cycle_select(cycle_t *cycle, const cycle_header_t *program);
 
-/* Starts a cycle with the selected program. The program must not change until the cycle is done.
- * reference_cnt is the position of travel 0 for CYCLE_ZERO_POSITION. */
+/* Starts a cycle with the selected cycle program. The program must not change until the cycle is
+ * done. reference_cnt is the position of travel 0 for CYCLE_ZERO_POSITION. */
 void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inputs_t *now,
                  int32_t reference_cnt);
 

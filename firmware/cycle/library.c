@@ -38,8 +38,8 @@ static const cycle_header_t *record_at(const cycle_library_t *library, uint32_t 
   return (const cycle_header_t *)record;
 }
 
-/* Returns the offset of the program with the number `number`. If there is no such program, returns
- * the offset after the last record. */
+/* Returns the offset of the cycle program with the number `number`. If there is no such program,
+ * returns the offset after the last record. */
 static uint32_t place_of(const cycle_library_t *library, uint32_t number) {
   uint32_t offset = 0;
   while (offset < library->used && record_at(library, offset)->number != number) {

@@ -53,13 +53,14 @@ bool cycle_library_append(cycle_library_t *library, uint32_t offset, const uint8
  * library does not change. */
 cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size);
 
-/* Returns the program with the number `number`, or NULL if the library has no such program. */
+/* Returns the cycle program with the number `number`, or NULL if the library has no such program.
+ */
 const cycle_header_t *cycle_library_find(const cycle_library_t *library, uint32_t number);
 
 /* Returns the program at the position `place` in the library, 0 .. count - 1. */
 const cycle_header_t *cycle_library_at(const cycle_library_t *library, uint8_t place);
 
-/* Removes the program with the number `number`. Returns false if the library has no such
+/* Removes the cycle program with the number `number`. Returns false if the library has no such
  * program. */
 bool cycle_library_remove(cycle_library_t *library, uint32_t number);
 

@@ -60,7 +60,7 @@ static bool has_right_action(const cycle_phase_t *phase) {
 }
 
 /* Returns true if the table of a phase with the action FOLLOW is valid and lies within the points
- * of the program. */
+ * of the cycle program. */
 static bool has_right_table(const cycle_header_t *program, const cycle_phase_t *phase) {
   if (phase->action != CYCLE_FOLLOW) {
     return phase->first == 0 && phase->points == 0 && phase->over_travel == 0;

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CYCLE_PROGRAM_H_
 #define FIRMWARE_CYCLE_PROGRAM_H_
 
-/* The program of a cycle: a record of phases, their conditions and limits, and evaluation elements.
+/* A cycle program: a record of phases, their conditions and limits, and evaluation elements.
  *
  * The record consists of the header, the phases, the evaluation elements, the points and a CRC-32
  * of all these bytes, in this order. There are no unused bytes between them, and the lowest byte of
@@ -10,7 +10,7 @@
  * mille of rated_force, other forces in 1/256 count of measured force, times in ticks of 1/1500 s.
  *
  * The depth is the travel from travel 0 minus the deflection of the press at the present force. In
- * a program without a curve of the compliance the deflection is 0. */
+ * a cycle program without a curve of the compliance the deflection is 0. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -59,17 +59,17 @@ enum { CYCLE_ZERO_TOUCH = 0, CYCLE_ZERO_FORCE = 1, CYCLE_ZERO_POSITION = 2, CYCL
  * A phase of any action switches its digital outputs when the phase begins. At the end of the cycle
  * all outputs except those of outputs_keep go off, whatever has ended the cycle. An output of
  * outputs_keep keeps its state until a cycle starts whose program does not keep this output, or
- * until a program is selected.
+ * until a cycle program is selected.
  *
  * TARE measures the mean of the measured force over `target` ticks, rounded half up. The
  * measurement starts again when the encoder has moved by more than CYCLE_TARE_JITTER_CNT, and after
- * a sample that is not valid (sample.h). The mean becomes the offset of the program until the end
- * of the cycle. The offset is subtracted from the force that conditions, zero_level and evaluation
- * elements use. It is added to the target of PRESS and FOLLOW before this target is bounded.
- * force_max of a phase limits the measured force itself, so no offset weakens this limit. The tare
- * fails if the axis is in contact, if the axis does not stand still before time_max, if the sum of
- * the mean and force_tare is beyond tare_band, or if tare_band is 0. A tare that fails acts like an
- * exceeded limit. */
+ * a sample that is not valid (sample.h). The mean becomes the offset of the cycle program until the
+ * end of the cycle. The offset is subtracted from the force that conditions, zero_level and
+ * evaluation elements use. It is added to the target of PRESS and FOLLOW before this target is
+ * bounded. force_max of a phase limits the measured force itself, so no offset weakens this limit.
+ * The tare fails if the axis is in contact, if the axis does not stand still before time_max, if
+ * the sum of the mean and force_tare is beyond tare_band, or if tare_band is 0. A tare that fails
+ * acts like an exceeded limit. */
 enum {
   CYCLE_TARE_TICKS_MAX = 15000, /* longest tare measurement: 10 s */
   CYCLE_TARE_JITTER_CNT = 2,
@@ -124,7 +124,7 @@ enum {
 
 typedef struct {
   uint8_t when;
-  /* number of the next phase, or CYCLE_END: the cycle ends as the program intends */
+  /* number of the next phase, or CYCLE_END: the cycle ends as the cycle program intends */
   uint8_t next;
   /* largest number of times in a cycle that this condition may end its phase; 0: any number of
    * times */
@@ -153,7 +153,7 @@ typedef struct {
    * stiffness. It is above 0 if the phase has one of these conditions, and 0 otherwise. */
   uint16_t stiffness_travel;
   /* action FOLLOW: index of the first point of the table of this phase, among all points of the
-   * program */
+   * cycle program */
   uint16_t first;
   uint8_t points;      /* action FOLLOW: number of points of the table */
   uint8_t over_travel; /* action FOLLOW: 1 if x of the table is the travel, 0 if x is the time in
@@ -170,7 +170,8 @@ typedef struct {
   uint8_t phases;
   uint8_t elements;
   uint16_t points;
-  /* CRC of the filter bank for which the program was made; 0: the program permits every bank */
+  /* CRC of the filter bank for which the cycle program was made; 0: the program permits every bank
+   */
   uint32_t bank_crc;
   uint32_t number;  /* number that the user has given to the program */
   uint8_t name[12]; /* name of the program as text, filled with zeros */
@@ -186,8 +187,8 @@ typedef struct {
   uint8_t reserved;     /* 0 */
 } cycle_header_t;
 
-/* Reasons why a program is refused. The result of a check also has the number of the wrong phase or
- * evaluation element. */
+/* Reasons why a cycle program is refused. The result of a check also has the number of the wrong
+ * phase or evaluation element. */
 enum {
   CYCLE_ACCEPTED = 0,
   CYCLE_NO_PROGRAM = 1,    /* the record is too short, or does not begin with CYCLE_MAGIC */
@@ -203,7 +204,7 @@ enum {
   CYCLE_NO_NUMBER = 9,
   CYCLE_WRONG_ZERO = 10,
   CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
-  CYCLE_LOCKED = 12,       /* the axis accepts no program now */
+  CYCLE_LOCKED = 12,       /* the axis accepts no cycle program now */
   CYCLE_REASONS = 13
 };
 typedef struct {
@@ -216,7 +217,7 @@ typedef struct {
 cycle_check_t cycle_program_check(const void *record, uint32_t size);
 
 /* cycle_phases(), cycle_elements() and cycle_points() return the phases, the evaluation elements
- * and the points of a program that was checked. */
+ * and the points of a cycle program that was checked. */
 static inline const cycle_phase_t *cycle_phases(const cycle_header_t *program) {
   return (const cycle_phase_t *)(const void *)(program + 1);
 }
@@ -234,8 +235,8 @@ static inline const cycle_point_t *cycle_points(const cycle_header_t *program) {
  * compliance. Until travel 0 of TOUCH or FORCE is found, every phase is evaluated. */
 uint16_t cycle_program_judged(const cycle_header_t *program);
 
-/* Forces that the force sensor must be able to measure for a program, in 1/256 count of measured
- * force. */
+/* Forces that the force sensor must be able to measure for a cycle program, in 1/256 count of
+ * measured force. */
 typedef struct {
   int32_t force_max_q8; /* largest force_max of all phases */
   int32_t most_q8;      /* largest force: the largest of 0, zero_level and the levels of
@@ -245,7 +246,7 @@ typedef struct {
 } cycle_reach_t;
 cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 
-/* Returns the CRC at the end of the record of a program. */
+/* Returns the CRC at the end of the record of a cycle program. */
 uint32_t cycle_program_crc(const cycle_header_t *program);
 
 #endif

@@ -129,8 +129,8 @@ static bool begin_phase(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* Returns true if the program contains absolute positions. They are measured from the reference
- * position of the axis. */
+/* Returns true if the cycle program contains absolute positions. They are measured from the
+ * reference position of the axis. */
 static bool needs_reference(const cycle_header_t *program) {
   if (program->zero == CYCLE_ZERO_POSITION) {
     return true;

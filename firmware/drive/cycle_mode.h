@@ -1,18 +1,18 @@
 #ifndef FIRMWARE_DRIVE_CYCLE_MODE_H_
 #define FIRMWARE_DRIVE_CYCLE_MODE_H_
 
-/* Mode of operation -9: the axis runs the cycle of a program (firmware/cycle). In each phase the
- * axis moves as in a mode of operation: profile position mode, a guarded move, or mode 4 with the
- * force and the slope of the phase. A table or a tare may change the target of mode 4 in each tick.
- * All bounds of these modes of operation apply: position limits, velocity_max, force_limit, the
- * bounds of a force law without certificate, the contact guard.
+/* Mode of operation -9: the axis runs a cycle program (firmware/cycle). In each phase the axis
+ * moves as in a mode of operation: profile position mode, a guarded move, or mode 4 with the force
+ * and the slope of the phase. A table or a tare may change the target of mode 4 in each tick. All
+ * bounds of these modes of operation apply: position limits, velocity_max, force_limit, the bounds
+ * of a force law without certificate, the contact guard.
  *
  * A rising edge of bit 4 of the controlword starts a cycle, if the axis is not halted and has a
- * suitable program; otherwise cycle_state gives the reason why no cycle has started. A program is
- * not suitable if one of its forces is at or beyond an end of the range of the force sensor. The
- * cycle ends when bit 4 of the controlword becomes 0, and at a halt, a stop, a fault, a change of
- * the mode and the loss of the owner. The verdict on the part is then `aborted`, never `good`. A
- * cycle that is stopped before its first tick has not begun, and no part is counted.
+ * suitable program; otherwise cycle_state gives the reason why no cycle has started. A cycle
+ * program is not suitable if one of its forces is at or beyond an end of the range of the force
+ * sensor. The cycle ends when bit 4 of the controlword becomes 0, and at a halt, a stop, a fault, a
+ * change of the mode and the loss of the owner. The verdict on the part is then `aborted`, never
+ * `good`. A cycle that is stopped before its first tick has not begun, and no part is counted.
  *
  * A value that affects the verdict must not change during a cycle. A write that would change such a
  * value is refused, or the write ends the cycle as CYCLE_CHANGED (column in_cycle of the object
@@ -37,8 +37,8 @@ bool cycle_mode_can_start(const cia402_t *drive, const axis_t *axis);
  * returns false. */
 bool cycle_mode_select(cia402_t *drive, const cycle_header_t *program);
 
-/* Call cycle_mode_moved() when the selected program has been moved to a new address, and its bytes
- * are the same. Call it only while no cycle is running. */
+/* Call cycle_mode_moved() when the selected cycle program has been moved to a new address, and its
+ * bytes are the same. Call it only while no cycle is running. */
 void cycle_mode_moved(cia402_t *drive, const cycle_header_t *program);
 
 /* Returns the CRC of the filter bank with which the force is controlled now. Returns 0 if no bank

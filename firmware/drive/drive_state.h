@@ -99,7 +99,7 @@ typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of op
 typedef struct {
   drive_params_t params;
   drive_signals_t signals;
-  /* row in the table of modes for the mode of operation that is active */
+  /* row of the active mode of operation in the table of modes */
   const cia402_mode_t *mode;
   profile_t trajectory; /* trajectory in encoder counts; valid unless `tracking` is none */
   /* trajectory after input shaping; valid after the first step of motion_shaper */

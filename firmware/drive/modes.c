@@ -152,8 +152,8 @@ static void shape_setpoint(cia402_t *drive, axis_t *axis) {
 }
 
 /* Runs a native mode of the axis with the parameters that the user has written. In a native force
- * mode, the bounds of a law without certificate, the input shaper of the force and the contact
- * guard also act. */
+ * mode, the bounds of a force law without a certificate, the input shaper of the force and the
+ * contact guard also act. */
 static void run_native(cia402_t *drive, axis_t *axis, const cia402_mode_t *mode) {
   if (mode->native == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
     axis->params.position_setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);

@@ -46,7 +46,7 @@ struct cia402_mode {
 };
 
 /* The table of modes of operation. The index of a row is the number of the mode plus
- * CIA402_MODE_OFFSET. Each mode number that the object table permits has a row. */
+ * CIA402_MODE_OFFSET. The table has a row for each mode number that the object table permits. */
 enum {
   CIA402_MODE_OFFSET = -AXIS_MODES_OF_OPERATION_LEAST,
   CIA402_MODES = AXIS_MODES_OF_OPERATION_GREATEST + CIA402_MODE_OFFSET + 1

@@ -32,7 +32,7 @@ int cia402_check(const cia402_t *drive, uint16_t object, int32_t value);
 
 /* Restricts a force law that has no certificate, or removes this restriction. In every mode that
  * controls force, the restriction limits the demanded force to `force` per mille of force_limit,
- * limits the code of the law to +-`output`, and shows a warning. */
+ * limits the DAC code of the law to +-`output`, and shows a warning. */
 void cia402_restrict_law(cia402_t *drive, uint16_t force, uint16_t output);
 void cia402_release_law(cia402_t *drive);
 

@@ -84,8 +84,8 @@ typedef struct {
   /* 1: the drive follows its targets. It is in the state operation enabled without a fault, bits 9
    * and 12 of the statusword are 1, and 6061h displays the mode */
   uint8_t on;
-  uint8_t fault; /* 1: something has failed, or the drive is in the state fault */
-  /* 1: bit 11 of the statusword is 1, an internal limit of the drive is active */
+  uint8_t fault; /* 1: the master has detected a failure, or the drive is in the state fault */
+  /* 1: an internal limit of the drive is active (bit 11 of the statusword is 1) */
   uint8_t limit;
   uint8_t saturated; /* 1: the last target was limited to target_max */
   uint8_t phase;     /* phase of the master, one of DRIVE402_PHASES */

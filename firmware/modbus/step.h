@@ -90,10 +90,10 @@ typedef struct {
   uint32_t first; /* number of the first register, bit or identification object that is read */
   /* number of the last register, bit or identification object that is read, plus 1 */
   uint32_t after;
-  uint16_t read_first; /* function 23: first register that is read after the writes */
+  uint16_t read_first; /* Modbus function 23: first register that is read after the writes */
   /* number of registers that are read after the writes; 0 if no register is read */
   uint16_t read_count;
-  uint16_t and_mask; /* function 22: masks of the request */
+  uint16_t and_mask; /* Modbus function 22: AND mask and OR mask of the request */
   uint16_t or_mask;
   uint8_t word[2];      /* word that functions 6 and 22 write */
   uint8_t irreversible; /* number of writes in the request that cannot be undone */
