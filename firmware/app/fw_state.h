@@ -120,7 +120,7 @@ typedef struct {
   const fw_slots_t *slots;
 } fw_config_t;
 
-/* Counts of pressed parts that the parameter store keeps (results.h). */
+/* Counts of pressed parts (results.h); the parameter store keeps them. */
 typedef struct {
   uint32_t power_up; /* number of power-ups at which the axis had cycle programs */
   uint32_t number;   /* number of the last pressed part */

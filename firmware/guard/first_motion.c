@@ -141,7 +141,7 @@ static void add_travel(first_motion_t *first, const axis_t *axis) {
   first->moved_cnt = (moved > first->moved_cnt) ? moved : first->moved_cnt;
 }
 
-/* Returns true if the sum of the travel of all attempts is too large. */
+/* Returns true if the travel of all attempts of the first motion test together is too large. */
 static bool is_beyond(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
   add_travel(first, axis);
   return first->spent_cnt + first->moved_cnt >

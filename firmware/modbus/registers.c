@@ -220,7 +220,8 @@ static void checked(modbus_request_t *r) {
   }
   const bool releases = releases_axis(access->object, access->value);
   if (releases && r->entry + 1 < r->end) {
-    /* After a write that releases the axis, nothing can be written or undone. */
+    /* After a write that releases the axis to another bus, Modbus can neither write nor undo
+     * anything. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }

@@ -22,8 +22,8 @@ uint32_t slots_next_try(const slot_trailer_t *trailer) {
   return number;
 }
 
-/* Returns true if the trailer permits a start of its image. The CRC of the image is not checked
- * here. */
+/* Returns true if the trailer of a firmware image permits a start of this image. The CRC of the
+ * image is not checked here. */
 static bool may_start(const slot_trailer_t *trailer, uint32_t slot_bytes) {
   const bool is_length = trailer->length >= LENGTH_MIN && (trailer->length & 3u) == 0 &&
                          trailer->length <= SLOT_IMAGE_BYTES_MAX &&
