@@ -33,10 +33,10 @@ def _rounded(value: float, step: float) -> float:
 
 @dataclass(frozen=True)
 class BankKeys:
-    """A filter bank with the keys of the table [firmware.bank_N] of an experiment. `gain` and
-    `hf_gain` (gain at high frequency): DAC codes per 8-bit count. `integral_rad_per_s`: integral
-    rate in 1/s. `velocity_gain`: DAC codes per count/tick. A coefficient that the filter bank does
-    not have is None, and has no key in JSON."""
+    """The coefficients of a filter bank, as an experiment file has them in its table
+    [firmware.bank_N]. `gain` and `hf_gain` (gain at high frequency): DAC codes per 8-bit count.
+    `integral_rad_per_s`: integral rate in 1/s. `velocity_gain`: DAC codes per count/tick. A
+    coefficient that the filter bank does not have is None, and has no key in JSON."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)
@@ -46,7 +46,7 @@ class BankKeys:
 
     @property
     def bank(self) -> "Bank":
-        """Returns the filter bank that these keys describe."""
+        """Returns the filter bank with these coefficients."""
         return Bank(
             self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
             self.sections or (),
@@ -91,7 +91,7 @@ class Bank:
 
     def compensator(self) -> StateSpace:
         """Returns the state space (A, B, C, D) of the force law without its gain. Each second-order
-        section has two states. The last state is that of the integral, if there is one."""
+        section has two states. If the law has an integral, its state is the last one."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
             A = np.array([[-a1, -a2], [1.0, 0.0]])
@@ -123,8 +123,8 @@ class Bank:
         return gain
 
     def keys(self) -> BankKeys:
-        """Returns the filter bank as a table [firmware.bank_N] of an experiment, without the key
-        hf_gain."""
+        """Returns the coefficients of the filter bank as the table [firmware.bank_N] of an
+        experiment file, without the key hf_gain."""
         return BankKeys(
             gain=self.force_gain,
             integral_rad_per_s=self.integral_rad_per_s or None,
@@ -143,7 +143,8 @@ def series(front: StateSpace, back: StateSpace) -> StateSpace:
 
 def of_settings(settings: Mapping[str, float]) -> Bank | None:
     """Returns the filter bank that the firmware settings of an experiment select
-    (`_core.inputs(...)["firmware"]`). Returns None if the settings select a law of the thesis."""
+    (`_core.inputs(...)["firmware"]`). Returns None if the settings select a force law without
+    filter bank."""
     number = int(settings.get("force_bank", 0))
     if not number:
         return None

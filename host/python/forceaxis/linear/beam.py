@@ -88,7 +88,8 @@ def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    # Every start value is close to a root. If this error occurs, the program has a defect.
+    # Newton's iteration converges here, because every start value is close to a root.
+    # If it does not converge, the program has a defect.
     raise ArithmeticError("a root of the beam did not converge")
 
 
@@ -150,8 +151,8 @@ class Beam:
 
     @property
     def rate(self) -> float:
-        """The factor sqrt(E I / (rho A)) / l^2 of the beam in rad/s. A root y of the beam equation
-        belongs to the frequency y^2 times this factor."""
+        """The factor sqrt(E I / (rho A)) / l^2 of the beam in rad/s. The mode of vibration that
+        belongs to a root y of the beam equation has y^2 times this frequency."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
@@ -178,11 +179,11 @@ class Beam:
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
     def _roots(self, squares: Matrix) -> Matrix:
-        """Returns both roots s of the equation s^2 = square (1 + damping_s s) for each element of
-        `squares`, as a complex array."""
+        """Returns, as a complex array, both roots s of the equation s^2 = q (1 + damping_s s) for
+        each element q of `squares`."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
-        # The root of larger magnitude is computed first, because its formula has no cancellation.
+        # The root with the larger magnitude comes first, because its formula has no cancellation.
         far = half + np.where(half < 0, -1, 1) * root
         return np.column_stack([-squares / far, far]).ravel()
 
@@ -197,11 +198,11 @@ class Beam:
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
-        # The functions are those of thesis 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
+        # Transfer functions of thesis section 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
         # Here p^2 = rho A s^2 / (E I), and D = 4 E I b^3 (sinh X cosh X + sin X cos X).
         # V_act / F_a = s (cosh^2 X + cos^2 X) / D, and V_tip / F_a = s 2 cosh X cos X / D.
-        # The functions of p are even, so p is chosen in the right half-plane.
-        # Then |arg X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
+        # Both transfer functions are even in p, so p may be chosen in the right half-plane.
+        # With this choice, |arg X| <= pi/4, and all terms multiplied by exp(-2X) are bounded.
         s = np.asarray(s, dtype=complex)
         stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)
         p = s * np.sqrt(self.mass_per_length_kg_per_m / stiffness)
@@ -214,16 +215,19 @@ class Beam:
         # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        # np.where computes both formulas. The formula that is not selected may overflow.
+        # np.where computes the formula for small |z| and that for large |z|.
+        # The formula that np.where does not select may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # Near z = 0, this formula keeps all digits.
+            # This formula for small |z| is exact to all digits near z = 0.
+            small = e * (np.sinh(z) + np.sin(z)) / 2
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)
         return factor * act, factor * tip
 
     def polynomial(self, modes: int, output: str = "actuator") -> Factored:
-        """Returns a rational approximation of V_act / F_a or V_tip / F_a, as a Factored.
+        """Returns a rational approximation of V_act / F_a or V_tip / F_a as an object of the class
+        Factored.
 
         It has the exact poles and zeros of the first `modes` bending modes, the same number of
         each. It also has the exact low-frequency gain 1 / (rho A l s).
@@ -266,7 +270,8 @@ class Beam:
         ]
 
     def lumped(self, elements: int) -> "LumpedBeam":
-        """Returns a LumpedBeam with `elements` bending elements and the total mass of this beam.
+        """Returns a lumped-parameter beam with `elements` bending elements and the total mass of
+        this beam.
 
         The beam is divided into 2 `elements` equal parts. The sliding body gets one part, each
         inner body two, and the last body one. Each body is at the common centre of mass of its
@@ -281,7 +286,7 @@ class Beam:
         inertias = 2 * m * (2 * part) ** 2 / 12 * np.ones(elements)
         inertias[-1] = m * part**2 / 12
         lengths = np.full(elements, 2 * part)
-        # The distance from the centre of the last body to the tip is half the length of a part.
+        # The distance from the centre of the last body to the tip is half the length of an element.
         lengths[-1] -= part / 2
         return LumpedBeam(
             self.bending_stiffness_Nm2, tuple(lengths), tuple(masses), tuple(inertias), part / 2
@@ -343,9 +348,11 @@ class LumpedBeam:
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # This matrix includes the angle of the sliding mass. The angle is removed at the end.
+        # The matrix also has a coordinate for the angle of the sliding mass.
+        # This coordinate is removed at the end, because the sliding mass cannot turn.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
-        # Stiffness matrix of a massless element for the coordinates (x, angle length) of both ends.
+        # Stiffness matrix of a massless beam element.
+        # Its four coordinates are displacement, and angle times length, at both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
         for i, length in enumerate(self.lengths_m):
             scale = np.array([1, length, 1, length])
@@ -481,7 +488,8 @@ class _Structure:
 
     def system(self, outputs: tuple[str, ...], rows: Matrix, velocity: bool) -> System:
         """Returns the structure as a System with the outputs y = rows q, or y = rows q' if
-        `velocity` is True. `outputs`: names of the outputs."""
+        `velocity` is True. `rows`: matrix with one row for each output. `outputs`: names of the
+        outputs."""
         n = len(self.M)
         inverse = np.linalg.inv(self.M)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ self.K, -inverse @ self.D]])

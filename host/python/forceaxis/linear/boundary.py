@@ -1,6 +1,6 @@
-"""The response of a linear system along the stability boundary: its important frequencies, and the
-states that affect it. The system has one input and one output. Only minimal() accepts more, with as
-many inputs as outputs.
+"""Computes the response of a linear system along the stability boundary, and the frequencies at
+which the response has to be known. The system has one input and one output. Only minimal() accepts
+more, with as many inputs as outputs.
 
 Frequencies belong to a plane in which the imaginary axis is the stability boundary. This is the s
 plane, or the plane of w = (2/T) (z - 1)/(z + 1) for a sampled system.
@@ -14,14 +14,13 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# If the new part of a vector is smaller than this share of the vector, it is a rounding error.
-# The search for states that the input controls ends at such a vector.
+# The search for controllable states builds orthogonal directions from vectors.
+# The new part of a vector is a rounding error if it is smaller than this, relative to the vector.
 DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Returns an orthonormal basis of the states that the inputs can control. Each column is one
-    basis vector."""
+    """Returns an orthonormal basis of the controllable states. Each column is one basis vector."""
     basis: Matrix = np.zeros((len(A), 0))
     images = [B[:, i : i + 1] for i in range(B.shape[1])]
     while images and basis.shape[1] < len(A):
@@ -40,7 +39,8 @@ def minimal(system: System) -> System:
     The poles of these states do not depend on the gain, even if they are on the stability boundary.
     An example is a position that drifts.
     """
-    # The balance includes input and output. Otherwise, a delay may appear unobservable.
+    # Input and output are balanced together with the states.
+    # With balanced states alone, a delay may appear unobservable.
     n = len(system.A)
     corner = np.zeros((len(system.C), system.B.shape[1]))
     scale = _core.balance(np.block([[system.A, system.B], [system.C, corner]]))
@@ -85,8 +85,8 @@ def response(system: System) -> _core.BoundaryResponse:
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Returns frequencies in rad/s, > 0, along the stability boundary. They are the given `roots`,
-    and values beside and between the roots. `fastest`: largest magnitude of a pole in 1/s."""
+    """Returns positive frequencies in rad/s, on both sides of and between the given `roots`, which
+    are frequencies of poles and zeros. `fastest`: largest magnitude of a pole in 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
     # Of two equal roots, only one is used, because no frequency lies between them.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]

@@ -27,7 +27,7 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# Transfer functions of a force loop: {name: function that returns it as a System at a gain}.
+# {name of a transfer function of a force loop: function that returns it as a System at a gain}
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -49,7 +49,7 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    # With a negative gain and a nearly constant magnitude, the phase starts at -180 degrees.
+    # With a negative gain and a nearly constant magnitude, the phase curve starts at -180 degrees.
     result: Numbers = phase + 360 * np.ceil(turns - 0.55)
     return result
 
@@ -129,9 +129,9 @@ def curve(
 
 @dataclass(frozen=True, kw_only=True)
 class BodeCurve:
-    """One curve of a Bode plot: the output of the response, the values of the curve, and the force
-    loop with its margins at the gain. The loop is None if the input of the response is not the
-    input of the force loop."""
+    """One curve of a Bode plot: the name of the output, the values of the curve, and the force loop
+    with its margins at the plotted gain. The force loop is None if the frequency response has
+    another input than the force loop."""
 
     output: str
     table: CurveTable = json_field(inline=True)
@@ -150,16 +150,16 @@ class LoopBode:
 
     @property
     def working(self) -> Working | None:
-        """States of the elements of the plant, or None if no element of the plant has different
-        states."""
+        """States of the switching elements of the plant, such as contacts, or None if the plant has
+        no such element."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantBode:
-    """Frequency responses of a plant from its input `input`. `of`: the text "plant". `timing`: a
-    name of loops.TIMINGS, or the sampling period of a measurement. `working`: states of the
-    elements of the plant, or None if no element has different states."""
+    """Frequency responses of a plant from its input `input`. `of`: the text "plant". `timing`: name
+    of the delay (a key of loops.TIMINGS), or the sampling period of a measurement. `working`:
+    states of the switching elements of the plant, or None if it has no such element."""
 
     model: str
     of: str
@@ -185,8 +185,8 @@ class NyquistResult:
 
 @dataclass(frozen=True)
 class Channel:
-    """Selects one frequency response of a model: input, output, parameter values and states of the
-    elements.
+    """Specification of one frequency response of a model: input, output, parameter values, and
+    states of the elements of the model.
 
     input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
     a value as in LoopSpec.
@@ -249,7 +249,7 @@ def unit_of(model: str | Path, input: str, output: str, settings: Overrides | No
 
 def check_span(span_hz: tuple[float, float], timing: str) -> None:
     """Raises InputError if the frequencies `span_hz` are outside of the range in which the
-    frequency response is defined."""
+    frequency response is defined, for example above half the sampling rate."""
     low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
@@ -262,7 +262,7 @@ def check_span(span_hz: tuple[float, float], timing: str) -> None:
 
 @dataclass(frozen=True)
 class BodeView:
-    """The choices of the user for a Bode plot: transfer function of the loop, input, outputs,
+    """What a user selects for a Bode plot: transfer function of the loop, input, outputs,
     frequencies and varied parameters.
 
     part: "plant", or a name of PARTS. None selects the plant of a model, or the loop of an

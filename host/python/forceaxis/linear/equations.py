@@ -37,8 +37,8 @@ def read(
     free: bool = False,
     drive: bool = True,
 ) -> Equations:
-    """Returns the linear equations of the model file at `path`. The other arguments and the errors
-    are those of `system.linearise`."""
+    """Returns the linear equations of the model file at `path`. For the other arguments and the
+    exceptions, see `system.linearise`."""
     return Equations(
         **_core.linear(path, list(inputs), list(outputs), dict(overrides), dict(modes), free, drive)
     )

@@ -11,8 +11,8 @@ from forceaxis.words import number, suggestion
 
 
 class LawKey(NamedTuple):
-    """A key in the text of a control law. `parameter`: name of the field of LoopSpec that the key
-    sets, or of LoopRequest for the gain. `unit`: unit of the value of the key."""
+    """One key in the text form of a control law. `parameter`: field of the class LoopSpec that the
+    key sets (for the gain: field of LoopRequest). `unit`: unit of the value of the key."""
 
     parameter: str
     unit: str
@@ -34,8 +34,8 @@ KEY_OF = {key.parameter: name for name, key in KEYS.items()}
 
 @dataclass(frozen=True)
 class LawText:
-    """The content of the text of a control law. `law`: a name of LAWS, or None for the law of the
-    experiment. The other fields are as in LoopRequest."""
+    """A control law that was read from a text. `law`: a key of LAWS, or None for the law of the
+    experiment. For the other fields, see LoopRequest."""
 
     law: str | None = None
     parameters: dict[str, float] = field(default_factory=dict)
@@ -58,9 +58,8 @@ def described_keys() -> str:
 
 
 def parse_law(text: str) -> LawText:
-    """Returns the control law in a text NAME, NAME:KEY=VALUE,... or KEY=VALUE,... Whether a key
-    belongs to the law is checked later, with the loop, because the law may be that of an
-    experiment.
+    """Reads a control law from a text of the form NAME, NAME:KEY=VALUE,... or KEY=VALUE,... Does
+    not check whether the law has these keys, because the law may be that of an experiment.
 
     Raises ParameterError for the parameter `law` if the text has another form, or names a law or a
     key that does not exist.

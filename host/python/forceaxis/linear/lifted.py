@@ -1,4 +1,5 @@
-"""A force loop whose ticks are not all alike, lifted over the period after which the ticks repeat.
+"""Lifted model of a force loop whose ticks differ from each other: a linear time-invariant system
+over the period after which the sequence of ticks repeats.
 
 The firmware computes its law in every tick. Over a bus, only the code of the first tick of a bus
 cycle is sent to the drive, and the drive holds this code. A force sensor with a clock of its own
@@ -23,16 +24,17 @@ import numpy as np
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.plant_facts import BusFacts
 
-# Delay in ticks of a sample that just misses its tick.
+# Delay in ticks by which a sample arrives just too late for a tick.
 # The simulator regards an instant within 1e-6 of a tick as this tick.
 MISSED_BY = Fraction(1, 100_000)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The instants of a force sensor in ticks. `every`: time from one sample to the next. `phase`:
-    time from tick 0 to a sample, at least 0 and below `every`. `latency`: time from a sample to its
-    arrival. sinc_order: order of the converter's filter, 0 without a filter."""
+    """The times, in ticks, at which a force sensor takes its samples. `every`: time from one sample
+    to the next. `phase`: time from tick 0 to a sample, at least 0 and below `every`. `latency`:
+    time from a sample to its arrival. sinc_order: order of the converter's filter, 0 without a
+    filter."""
 
     every: Fraction
     phase: Fraction
@@ -41,48 +43,51 @@ class Samples:
 
     @property
     def period_ticks(self) -> int:
-        """Number of ticks after which the instants of the samples repeat."""
+        """Number of ticks after which the sample times repeat relative to the ticks."""
         return self.every.numerator
 
     def instant(self, sample: int) -> Fraction:
-        """Returns the instant of a sample in ticks. Sample 0 is the first one from tick 0 on."""
+        """Returns the time of a sample in ticks. Sample 0 is the first sample at or after tick
+        0."""
         return self.phase + sample * self.every
 
     def newest(self, tick: int) -> int:
-        """Returns the number of the newest sample that has arrived at a tick."""
+        """Returns the number of the newest sample that has arrived at the tick `tick`."""
         return math.floor((tick - self.latency - self.phase) / self.every)
 
     def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
-        """Yields samples with other phases. For each different order of samples and bus cycles
-        there are three phases: with the oldest readings, with readings of middle age, and with the
-        newest readings."""
+        """Yields sample times with other phases relative to the ticks. Samples and bus cycles can
+        follow each other in several orders. There are three phases for each order: with the oldest
+        readings, with readings of middle age, and with the newest readings."""
         share = Fraction(math.gcd(self.every.numerator, cycle_ticks * self.every.denominator))
         for order in range(int(share)):
             for late in (MISSED_BY, self._step / 2, Fraction(0)):
                 yield self._arriving(order, late)
 
     def within(self, order: int, share: float) -> "Samples":
-        """Returns samples with another phase within an order of samples and bus cycles. `share`: 0
-        for the oldest readings to 1 for the newest readings."""
+        """Returns the sample times with another phase. `order`: number of the order in which
+        samples and bus cycles follow each other. `share`: position of the phase within this order,
+        from 0 for the oldest readings to 1 for the newest readings."""
         late = Fraction(share).limit_denominator(10**4) * self._step
         return self._arriving(order, max(late, MISSED_BY))
 
     @property
     def _step(self) -> Fraction:
-        """Time in ticks between two phases at which the order of samples and ticks changes."""
+        """Interval in ticks between two phases at which the order of samples and ticks changes."""
         return Fraction(1, self.every.denominator)
 
     def _arriving(self, order: int, late: Fraction) -> "Samples":
-        """Returns samples with another phase. `order`: an order of samples and ticks. `late`: time
-        from the start of this order."""
+        """Returns the sample times with another phase. `order`: number of the order in which
+        samples and ticks follow each other. `late`: distance in ticks from the first phase with
+        this order."""
         arrives = (order * self._step + late - self.latency) % self.every
         return replace(self, phase=arrives)
 
 
 class Within(NamedTuple):
-    """The signal that a sensor samples, at an instant between two ticks, or moments of this signal.
-    `rows`: effect of the states of the plant at the tick. `direct`: effect of the voltage that acts
-    from this tick on."""
+    """The signal of a sensor at an instant between two ticks, or moments of this signal, as a
+    linear function. `rows`: coefficients of the states of the plant at the tick. `direct`:
+    coefficients of the voltage that acts from this tick on."""
 
     rows: Matrix
     direct: Matrix
@@ -90,7 +95,7 @@ class Within(NamedTuple):
 
 @dataclass(frozen=True)
 class TickPlant:
-    """The plant and the law of one tick.
+    """Linear model of the plant and of the control law over one tick.
 
     A, B: matrices of the plant from the voltage, sampled with the tick. force: row of the measured
     force. With a sensor of the force's derivative, the row includes this part of the law. within:
@@ -126,10 +131,11 @@ class TickPlant:
 
 @dataclass(frozen=True)
 class Lifted:
-    """The loop over one period. The inputs of A, B, C, D are the codes in V. The outputs are those
-    outputs of the law that become codes, and the controlled signal at the start of the period.
-    enters, direct: effects of a set-point that is constant over a period. `enters` is the effect on
-    the states, and `direct` is the effect on the outputs of the law."""
+    """Linear model of the force loop over one period, cut at the DAC codes. The inputs of A, B, C,
+    D are the codes in V. The outputs are those outputs of the law that become codes, and the
+    controlled signal at the start of the period. enters, direct: effects of a set-point that is
+    constant over a period. `enters` is the effect on the states, and `direct` is the effect on the
+    outputs of the law."""
 
     A: Matrix
     B: Matrix
@@ -140,8 +146,9 @@ class Lifted:
 
 
 def lift(plant: TickPlant, bus: BusFacts, samples: Samples | None = None) -> Lifted:
-    """Returns the loop of a plant and a law over a bus, lifted over the period after which its
-    ticks repeat. `samples`: samples of the force sensor, or None for one sample in each tick."""
+    """Returns the force loop of a plant and a control law over a bus as one linear system over the
+    period after which its ticks repeat. `samples`: sample times of the force sensor, or None for
+    one sample in each tick."""
     return _Period(plant, bus, samples).lifted()
 
 
@@ -154,7 +161,8 @@ def spline_pieces(order: int) -> list[list[Fraction]]:
         for i in range(n):
             own = pieces[i] if i < n - 1 else [Fraction(0)] * (n - 1)
             before = pieces[i - 1] if i > 0 else [Fraction(0)] * (n - 1)
-            # ((i + x) own + (n - i - x) before) / (n - 1), with x from 0 to 1
+            # Recursion of B-splines over the order n, with x from 0 to 1:
+            # piece i = ((i + x) own + (n - i - x) before) / (n - 1)
             flat = [i * a + (n - i) * b for a, b in zip(own, before, strict=True)] + [Fraction(0)]
             steep = [Fraction(0), *(a - b for a, b in zip(own, before, strict=True))]
             grown.append([(a + b) / (n - 1) for a, b in zip(flat, steep, strict=True)])
@@ -167,14 +175,15 @@ def _rounded(value: Fraction) -> np.longdouble:
 
 
 class _SincFilter:
-    """The sinc filter of a converter over one period of the loop. All its quantities are rows, as
-    those of _Period. `chain`: moments of the present interval between two samples, about the
-    present tick. `due`: what past intervals add to the next samples, the nearest sample first.
-    tick, and `due` what past intervals add to the next samples, the nearest one first."""
+    """The sinc filter of a converter over one period of the loop. Its quantities are rows of
+    coefficients, like those of _Period. `chain`: moments of the present sampling interval about the
+    present tick. `due`: contributions of past intervals to the next samples. The contribution to
+    the nearest sample is the first one."""
 
     def __init__(self, order: int, every: Fraction, rows: Matrix) -> None:
         self.chain, self.due = rows[:order], list(rows[order:])
-        # weights of an interval's moments: one row for the sample at its end, for the next, ...
+        # Weights of the moments of an interval: one row for each sample that the interval affects.
+        # Row 0 belongs to the sample at the end of the interval, row 1 to the next sample.
         self.weights = np.array([
             [_rounded(c * math.factorial(j) / every ** (j + 1)) for j, c in enumerate(piece)]
             for piece in spline_pieces(order)
@@ -182,31 +191,33 @@ class _SincFilter:
 
     @staticmethod
     def states(order: int) -> int:
-        """Returns the number of rows of a filter of order `order`."""
+        """Returns the number of states of a sinc filter of the order `order`."""
         return 2 * order - 1
 
     @property
     def rows(self) -> list[Matrix]:
-        """Returns the rows of the filter at the present tick."""
+        """Returns the states of the filter at the present tick as rows of coefficients."""
         return [self.chain, *(row[None] for row in self.due)]
 
     def moved(self, share: Fraction, moments: Matrix) -> Matrix:
-        """Returns the moments of the present interval about a later instant of the tick.
-        `moments`: moments of the force from the start of the tick on."""
+        """Returns the moments of the present sampling interval about a later instant of the tick.
+        `share`: time from the tick to this instant, in ticks. `moments`: moments of the force over
+        this time."""
         return self._about(float(share)) @ self.chain + moments
 
     def sample(self, share: Fraction, moments: Matrix) -> Matrix:
-        """Returns the sample at an instant of the tick, and begins the next interval."""
+        """Returns the sample that the filter gives at an instant of the tick, and begins the next
+        sampling interval."""
         shares = self.weights @ self.moved(share, moments)
         value = self.due[0] + shares[0]
         self.due = [row + more for row, more in zip([*self.due[1:], 0], shares[1:], strict=True)]
-        # at this instant, the moments of the next interval are 0
+        # at the instant of the sample, the moments of the next interval are 0
         self.chain = -self._about(-float(share)) @ moments
         return np.asarray(value[None])
 
     def _about(self, later: float) -> Matrix:
         """Returns a matrix that converts moments about one instant to moments about another
-        instant. The other instant is `later` ticks later."""
+        instant, which is `later` ticks later."""
         order = len(self.chain)
         return np.array([
             [
@@ -218,8 +229,9 @@ class _SincFilter:
 
 
 class _Period:
-    """The signals in the ticks of one period. Each signal is a row that multiplies the states at
-    the start of the period, the codes of the period, and the set-point."""
+    """The signals of a force loop in the ticks of one period. Each signal is a row of coefficients,
+    which multiply the states at the start of the period, the codes of the period, and the
+    set-point."""
 
     def __init__(self, plant: TickPlant, bus: BusFacts, samples: Samples | None) -> None:
         self.plant, self.bus, self.samples = plant, bus, samples
@@ -236,7 +248,7 @@ class _Period:
             -samples.newest(0) if samples else 0,
             _SincFilter.states(order) if order else 0,
             laws,
-            1,  # row that gives the output of the law in the last tick
+            1,  # row of coefficients that gives the output of the law in the last tick
             1 if plant.derivative_s else 0,  # reading of the last tick
         ]
         self.size = sum(sizes)
@@ -245,14 +257,15 @@ class _Period:
         parts = [self.rows[end - size : end] for size, end in zip(sizes, ends, strict=True)]
         self.x, sent, counted, taken, kept, self.law, self.output, self.reading_before = parts
         self.filter = _SincFilter(order, samples.every, kept) if samples and order else None
-        # Rows of codes, positions and samples. The newest code and the newest position come first.
+        # Rows of coefficients that give codes, positions and samples.
+        # The newest code and the newest position come first.
         self.sent = [sent[i : i + 1] for i in range(len(sent))]
         self.counts = [counted[i : i + 1] for i in range(counts)]
         self.taken = {i - len(taken): taken[i : i + 1] for i in range(len(taken))}
         self.next_sample = 0
 
     def lifted(self) -> Lifted:
-        """Returns the loop over one period."""
+        """Returns the linear model of the force loop over one period."""
         acting, shown = [], self.plant.shown @ self.x
         kept = [len(self.sent), len(self.counts), len(self.taken)]
         for tick in range(self.ticks):
@@ -312,7 +325,7 @@ class _Period:
         self.next_sample += 1
 
     def _code(self, tick: int) -> Matrix:
-        """Returns the code of the bus cycle that begins at a tick."""
+        """Returns the DAC code of the bus cycle that begins at the tick `tick`."""
         at = self.size + tick // self.bus.cycle_ticks
         code = self.rows[at : at + 1]
         if self.plant.inner:
@@ -320,8 +333,8 @@ class _Period:
         return code
 
     def _move(self, tick: int) -> None:
-        """Computes the plant up to the next tick, and takes the samples of the force between the
-        two ticks."""
+        """Computes the motion of the plant up to the next tick. Takes the samples of the force
+        between the two ticks."""
         cycle = self.bus.cycle_ticks
         sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
         while self.samples and self.samples.instant(self.next_sample) < tick + 1:
@@ -337,15 +350,15 @@ class _Period:
         self.x = self.plant.A @ self.x + self.plant.B @ sent
 
     def _moments(self, share: Fraction, sent: Matrix) -> Matrix:
-        """Returns the moments of the force from the start of a tick on, over a share of the
-        tick."""
+        """Returns the moments of the force over the first part of a tick. `share`: length of this
+        part in ticks."""
         assert self.filter
         moments = self.plant.moments(share, len(self.filter.chain))
         return np.asarray(moments.rows @ self.x + moments.direct @ sent)
 
     def _held(self, tick: int, now: int) -> Matrix:
-        """Returns the position that the firmware has in the tick `tick`. `now`: the present
-        tick."""
+        """Returns the newest position that the firmware has received at the tick `tick`. `now`: the
+        present tick."""
         cycle = self.bus.cycle_ticks
         return self.counts[now // cycle - (tick - self.bus.delay_ticks_in) // cycle]
 

@@ -57,8 +57,8 @@ class AnalysedLoop:
 class LoopAtGain:
     """Bandwidths and margins of a force loop at one gain k, in the unit of the loop.
     `firmware_gain`: k in DAC codes per 8-bit count, or None if the loop does not feed back ADC 0.
-    `dead_law`: reason why the law gives no command for any force that the sensor measures, or None
-    if it gives one."""
+    `dead_law`: reason why the law gives no command for any force that the sensor measures. It is
+    None if the law gives a command."""
 
     gain: float
     firmware_gain: float | None
@@ -162,21 +162,21 @@ class ClosedLoop:
 
     @property
     def timing(self) -> str:
-        """Delay of the force loop, a name of loops.TIMINGS such as zoh+1."""
+        """Delay of the force loop by its name in loops.TIMINGS, such as zoh+1."""
         return self.loop.timing
 
     @property
     def working(self) -> Working | None:
-        """States of the elements of the plant, or None if no element of the model has different
-        states."""
+        """States of the switching elements of the plant, such as contacts, or None if the model has
+        no such element."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedPlant:
     """Description of the plant to which the computed poles belong: path of the model, delay of the
-    input, and states of the elements. The states are None if no element of the model has different
-    states."""
+    input, and states of the switching elements. The states are None if the model has no such
+    element."""
 
     model: str
     timing: str
@@ -390,7 +390,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    if gain is None:  # the request has another law than the experiment
+    if gain is None:  # The control law of the request differs from that of the experiment.
         raise ParameterError("law", GAIN_EXPECTED)
     closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
     return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))

@@ -38,7 +38,7 @@ def array(system: System, label: str = "") -> Array:
 class LocusTable:
     """A root locus for the JSON output. `branches`, `poles` (of the open loop) and `zeros` are
     roots in 1/s as [real part, imaginary part], or None for a root at infinity. Each branch has one
-    root for each of `gains`, which are in `unit`. The other fields are those of stability.Limit."""
+    root for each of `gains`, which are in `unit`. For the other fields, see stability.Limit."""
 
     label: str
     unit: str
@@ -73,7 +73,7 @@ class Locus:
     crossings: list[Crossing]  # all gains at which a closed-loop pole is on the stability boundary
     limit: Limit
     unit: str  # unit of the gain k
-    codes: float | None  # force_gain in DAC codes per 8-bit count for k = 1
+    codes: float | None  # value of the object force_gain, in DAC codes per 8-bit count, for k = 1
     span_hz: float
     at_gain: Roots  # closed-loop poles in 1/s at the marked gain
 
@@ -110,7 +110,7 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     return 1.35 * float(natural.max(initial=1.0))
 
 
-# A pole at z = 0 is -infinity in 1/s. Without this decorator, NumPy would warn of it.
+# A pole at z = 0 is -infinity in 1/s. The decorator suppresses the warning of NumPy about it.
 @np.errstate(divide="ignore", invalid="ignore")
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
@@ -126,7 +126,7 @@ def locus(
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
     # A branch of the root locus crosses the edge of the plot at the gain 1 / |L|.
-    # Gains far above that at the edge of the plot are not drawn.
+    # Gains far above the gain at which a branch crosses the edge of the plot are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -141,7 +141,8 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # In each pass, gains are added between which a pole moves far.
+    # In each pass, gains are added where a pole moves far from one gain to the next.
+    for _ in range(6):
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))

@@ -99,8 +99,8 @@ class LoopSpec:
     def around(
         self, model: str | Path, overrides: Overrides | None = None, modes: States | None = None
     ) -> Loop:
-        """Returns the force loop around a model. The arguments `model`, `overrides` and `modes` are
-        those of `linear.linearise`.
+        """Returns the force loop around a model. For the arguments `model`, `overrides` and
+        `modes`, see `linear.linearise`.
 
         Raises InputError if the model lacks something that the law needs, and ParameterError for a
         wrong field of this specification.
@@ -167,7 +167,7 @@ def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
 
 
 def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
-    """Returns the part of a control law between error and command. It is the integral of law pi, or
+    """Returns the dynamic part of a control law as a state space. It is the integral of law pi, or
     the filter of law lead."""
     if law == "pi":
         w = p["integral_rad_per_s"]
@@ -227,8 +227,8 @@ def _check_number(name: str, value: float) -> None:
 
 
 class _Site(NamedTuple):
-    """The site of a force loop: contents and file of the model, overrides of its parameters, and
-    states of its elements."""
+    """The plant around which a force loop is closed: contents and file of the model, overrides of
+    its parameters, and states of its elements."""
 
     known: PlantFacts
     where: str
@@ -305,8 +305,8 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
-    """Returns the plant with inner damping and with the signals that the control law feeds back. It
-    is sampled as `timing` of `spec` requires."""
+    """Returns the plant with inner damping, and with the signals that the control law feeds back as
+    outputs. The plant is sampled as `timing` of `spec` requires."""
     law, moves = spec.law, bool(spec.law in MOTION_LAWS or inner)
     names = [spec.output]
     if law == "derivative":
@@ -326,9 +326,9 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
 
 
 def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
-    """Returns a force loop over the model's bus, or with the samples of the model's force sensor.
-    The loop is lifted over the period after which its ticks repeat. `own`: the loop without its
-    system."""
+    """Returns a force loop over the bus of the model, or with the sampling of the model's force
+    sensor. The loop is a linear system over the period after which its ticks repeat. `own`: the
+    loop in which this system is still missing."""
     known, timing = site.known, spec.timing
     sampling = _sampling(spec, known)
     if not known.bus.is_immediate:
@@ -351,7 +351,7 @@ def _lifted(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> Loop:
 
 
 def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
-    """Returns the samples of the controlled signal, or None if the law has its value in each
+    """Returns the sampling of the controlled signal, or None if this signal has a new value in each
     tick."""
     converted = spec.output in ("reading", "adc0")
     return known.reading.sampling if known.reading and converted else None
@@ -360,9 +360,9 @@ def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
 def _samples(
     spec: LoopSpec, path: str, sampling: SamplingFacts | None, cycle_ticks: int
 ) -> list[Samples | None]:
-    """Returns the samples of the force for each phase with which the loop has to be analysed.
-    `sampling`: None for a sample in each tick. Raises InputError if the samples do not repeat
-    within PERIOD_TICKS_MAX ticks."""
+    """Returns the sample times of the force, once for each phase relative to the ticks with which
+    the loop has to be analysed. `sampling`: None for a sample in each tick. Raises InputError if
+    the sample times do not repeat within PERIOD_TICKS_MAX ticks."""
     if sampling is None:
         return [None]
     if spec.law == "derivative":
@@ -387,7 +387,7 @@ def _samples(
 
 
 def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPlant:
-    """Returns the plant and the law of one tick."""
+    """Returns the linear model of the plant and of the control law over one tick."""
     law, given = spec.law, spec.parameters
     names = [spec.output]
     if law == "derivative":
@@ -452,7 +452,8 @@ def _integrated(system: System, count: int, tick_s: float) -> System:
 def _of_one_period(
     plant: TickPlant, bus: BusFacts, samples: Samples | None, own: Loop, spec: LoopSpec
 ) -> Loop:
-    """Returns the loop `own` with its system lifted over one period of the ticks."""
+    """Returns the loop `own`, completed by its linear system over the period after which its ticks
+    repeat."""
     loop = lift(plant, bus, samples)
     codes = loop.B.shape[1]
     states = tuple(f"state {i}" for i in range(len(loop.A)))
@@ -608,7 +609,7 @@ def _with_law(spec: LoopSpec, plant: _Plant) -> System:
 
 
 def no_reading(where: str) -> _core.InputError:
-    """Returns the error for a model without an ADC on channel 0."""
+    """Returns the InputError for a model without an ADC on channel 0."""
     return _core.InputError(
         f"{where}: adc: expected a model with an ADC on channel 0, got none; choose another output"
     )
@@ -618,8 +619,8 @@ def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
     """Adds a state to a sampled system. The new state is the last sample of the output whose row is
-    `kept`. Returns (A, B, rows, new row). `rows` are the given rows for the larger system. The new
-    row outputs the added state."""
+    `kept`. Returns (A, B, rows, new row). `rows` are the rows of all given outputs for the larger
+    system. The new row outputs the added state."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

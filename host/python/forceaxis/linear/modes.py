@@ -41,8 +41,8 @@ CRITERION = (
 )
 # A residue below this share of the sum of all residues is a rounding error of 0.
 NO_RESIDUE = 1e-9
-# A mode is a rigid-body mode below this ratio of its frequency to the highest frequency.
-# Only rounding errors make the frequency of a rigid-body mode differ from 0.
+# A mode is rigid if its frequency is below this ratio to the highest frequency of all modes.
+# The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
 # All poles below this magnitude in rad/s count as equally similar to a mode of vibration at 0 Hz.
 SLOW_RAD_PER_S = 0.06
@@ -202,8 +202,8 @@ def mechanics(
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
     """Returns the output at which the residues are computed: the measured signal, or the position
-    of the body that would touch the workpiece. `apart`: contacts of the model if all of them are
-    open, otherwise empty."""
+    of the body that would touch the workpiece. `apart`: the open contacts if all contacts of the
+    model are open, otherwise empty."""
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
@@ -300,7 +300,8 @@ def modes(
         else:
             lowest = next_below = "colocated" if damped[i] else "neither"
         largest = m.places[np.argmax(np.abs(m.places[:, i])), i]
-        shape = m.places[:, i] / (largest or 1.0)  # all ports may be at nodes of a mode
+        # A displacement of 0 is possible: all ports may be at nodes of the mode.
+        shape = m.places[:, i] / (largest or 1.0)
         rows.append(
             VibrationMode(
                 frequency_hz=float(w / (2 * np.pi)),

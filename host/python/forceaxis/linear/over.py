@@ -35,7 +35,7 @@ from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-# (plant of the set, delay of the loop, result of the analysis of this loop)
+# (plant of the set, name of the delay of the loop, result of the analysis of this loop)
 Entry = tuple[Member, str, T]
 # Combination of element states as pairs (element, state), in alphabetical order.
 Mode = tuple[tuple[str, str], ...]
@@ -49,7 +49,8 @@ COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
 # Name of the element of a stepper motor whose states are the segments of its force.
 LOAD_ANGLE = "drive.load_angle"
-STEPPER_PERIODS = 8  # number of analysed periods of the force on each side of the load angle 0
+# number of periods of the motor force that are analysed on each side of load angle 0
+STEPPER_PERIODS = 8
 
 
 class _Response:
@@ -112,7 +113,7 @@ class _Response:
 
     def peak(self) -> float:
         """Returns the largest |H| over all frequencies. The search starts with the highest |H| on a
-        grid as the level. It raises the level until |H| is nowhere above it."""
+        grid as its level. Then it raises the level until |H| is nowhere above it."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):
@@ -125,8 +126,8 @@ class _Response:
         return float(best)
 
     def _hill(self, grid: Matrix, sizes: Matrix, i: int) -> float:
-        """Returns the largest |H| between the two neighbours of point `i` of a grid of
-        frequencies."""
+        """Returns the largest |H| between the frequencies on both sides of point `i` of a frequency
+        grid."""
         high = grid[min(i + 1, len(grid) - 1)]
         low = max(grid[max(i - 1, 0)], 1e-6 * high)
         top = optimize.minimize_scalar(
@@ -187,8 +188,9 @@ def _worst_figures(found: Sequence[Figures]) -> Figures:
 @dataclass(frozen=True)
 class Worst:
     """The worst bandwidth and margins over a set of plants. A value is None if no plant has this
-    bandwidth or margin, or if one plant is unstable. `known_to`: gain factor up to which no plant
-    has a gain margin. It is given if the gain margin above this factor is unknown."""
+    bandwidth or margin, or if one plant is unstable. `known_to`: gain factor up to which all plants
+    are known to be stable. It is given if rounding errors hide the gain margin above this
+    factor."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -199,19 +201,19 @@ class Worst:
     sag: bool = False
     member: dict[str, tuple[Member, str]] = field(
         default_factory=dict
-    )  # plant and delay with the worst value of a field
+    )  # {name of a bandwidth or margin: plant and delay of the loop with the worst value}
     members: int = 0  # number of analysed loops
     known_to: float | None = None
 
 
-# Function that analyses the force loops of plants, with some delays of the loop.
-# For each plant, the result is {delay: analysis} with the requested delays or more.
+# Function that analyses the force loops around some plants, with the given delays of the loop.
+# It returns {delay: analysis} for each plant, with at least the given delays.
 Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 
 class _Set(Generic[T]):
-    """The force loops of a set of plants, each analysed once. A search finds the loop with the
-    worst value."""
+    """The force loops of a set of plants. Each force loop is analysed only once. The class also
+    searches for the loop with the worst value."""
 
     def __init__(self, plants: PlantSet, timings: Sequence[str], analyse: Analyse[T]) -> None:
         self.plants, self.timings, self.analyse = plants, timings, analyse
@@ -233,8 +235,8 @@ class _Set(Generic[T]):
                 self.found.setdefault((member.key, timing), (member, timing, result))
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
-        """Returns the analysed force loop with the largest value of the function `badness`. The
-        search starts at the worst loops that are already analysed."""
+        """Searches for the worst force loop, which has the largest value of the function `badness`.
+        The search starts at the worst loops that are already analysed."""
         for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
         member, timing, _ = self.first(badness)
@@ -242,7 +244,8 @@ class _Set(Generic[T]):
         return self.first(badness)
 
     def first(self, badness: Callable[[T], float]) -> Entry[T]:
-        """Returns the analysed force loop with the largest value of the function `badness`."""
+        """Returns the worst of the force loops that are already analysed. It has the largest value
+        of the function `badness`."""
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
@@ -309,8 +312,8 @@ def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], 
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """Returns the gain k of a force loop. It is the first of these that is given: `gain`,
-    `force_gain`, the gain of the loop's filter bank. Raises ParameterError if none is given."""
+    """Returns the gain k of a force loop: `gain` if it is given, else `force_gain`, else the gain
+    of the loop's filter bank. Raises ParameterError if none of these is given."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -321,10 +324,9 @@ def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
 
 
 class WorstSearch:
-    """Search for the worst bandwidth and margins over a set of plants, see worst().
-    responses: responses of the plants, with all delays in `timings`. The other arguments are those
-    of worst().
-    """
+    """Search for the worst bandwidth and margins over a set of plants; see worst(). responses:
+    frequency responses of the plants, with all delays in `timings`. For the other arguments, see
+    worst()."""
 
     def __init__(
         self,
@@ -349,9 +351,9 @@ class WorstSearch:
         self._loops = loops
 
     def quick(self) -> Worst:
-        """Returns the worst values. If one code belongs to each period after which the ticks
-        repeat, the values have a relative error of about 1e-8. Otherwise they are those of
-        exact()."""
+        """Returns the worst bandwidth and margins. For a loop with one code in the period after
+        which its ticks repeat, their relative error is about 1e-8. For a loop with several codes in
+        this period, they are those of exact()."""
         if self._loops is None or self._found is None:
             return _worst(self._group, self._group)
         if not self._loops.responses.is_exact:
@@ -362,15 +364,15 @@ class WorstSearch:
         return self._again(_fast(whole, self._by_loop))
 
     def exact(self) -> Worst:
-        """Returns the worst values. The values of the worst loops and of the nominal plants are
-        computed as eigenvalue problems."""
+        """Returns the worst bandwidth and margins. The values of the worst loops and of the loops
+        around nominal plants are computed as eigenvalue problems."""
         if self._is_exact:
             return _worst(self._group, self._group)
         return self._again(self._by_loop)
 
     def _again(self, analyse: Analyse[Figures]) -> Worst:
-        """Returns the worst values after a second analysis by `analyse`. The worst loops and the
-        nominal plants are analysed again."""
+        """Returns the worst bandwidth and margins after the function `analyse` has analysed the
+        worst loops and the loops around nominal plants again."""
         assert self._found is not None
         again = _Set(self._plants, self._timings, analyse)
         again.cover([*self._plants.nominal(), *(entry[0] for entry in self._found.values())])
@@ -426,8 +428,8 @@ def _worst_of_each(group: _Set[Figures]) -> dict[str, Entry[Figures]] | None:
 
 
 def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
-    """Returns the worst values of the loops that `exact` has analysed. `group`: all loops that the
-    search has analysed."""
+    """Returns the worst bandwidth and margins of the loops that the object `exact` has analysed.
+    `group`: all loops that the search has analysed."""
     members = len(group.found)
     unstable = [
         entry for one in (exact, group) for entry in one.found.values() if not entry[2].stable
@@ -436,7 +438,7 @@ def _worst(exact: _Set[Figures], group: _Set[Figures]) -> Worst:
         return Worst(False, member={"stable": unstable[0][:2]}, members=members)
     found = {name: exact.first(operator.methodcaller("badness", name)) for name in FIGURES}
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # If no crossing of the stability boundary of a loop is known, its gain margin is known_to.
+    # A loop without a known crossing of the stability boundary gets the gain margin known_to.
     doubt = min(exact.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):

@@ -32,16 +32,16 @@ from forceaxis.linear.stability import (
 )
 from forceaxis.linear.system import System
 
-# Step in degrees between two loops that a search analyses.
-# A search does not detect two changes between stable and unstable within one step.
+# Step of the phase in degrees in the search for a phase margin.
+# The search does not detect two changes between stable and unstable within one step.
 TURN_STEP_DEG = 3.0
-GAIN_SPAN = 1e4  # largest factor of the gain in the search for a gain margin
+GAIN_SPAN = 1e4  # largest gain factor in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
 LOWEST_SHARE = 1e-6  # ratio of the lowest frequency to the highest frequency of a grid
-STABLE_BELOW = 1 - 1e-11  # a loop is stable if no pole has a larger magnitude
-PHASES = 3  # phases in each order of samples and ticks, see Samples.phases()
-# A lower limit at another phase is searched only if it may be lower by more than this share.
-# The search in one order of samples and ticks uses at most PARABOLAS_MAX parabolas.
+STABLE_BELOW = 1 - 1e-11  # largest magnitude of the poles of a loop that counts as stable
+PHASES = 3  # number of phases for each order of samples and ticks; see Samples.phases()
+# A lower gain limit at other phases is searched only if it can be lower by more than this ratio.
+# For each order of samples and ticks, the search uses at most PARABOLAS_MAX parabolas.
 PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 
 
@@ -55,8 +55,8 @@ def _stable_to(limit: Limit) -> float:
 
 
 def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Returns the lowest point (place, value) of the parabola through three points (place, value).
-    The value is infinite if this point is not between the outer two points."""
+    """Returns the lowest point (x, y) of the parabola through three points (x, y). The value y is
+    infinite if the lowest point is not between the outer two points."""
     (a, fa), (b, fb), (c, fc) = points
     if not math.isfinite(fa + fb + fc):
         return b, math.inf
@@ -70,13 +70,13 @@ def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 @dataclass
 class PeriodicLoop(Loop):
-    """A force loop with several codes in a period. `whole` has one input for each code, and one
-    output for each output of the law that becomes a code. Its last output is the controlled
-    signal."""
+    """A force loop that computes several codes in the period after which its ticks repeat. `whole`:
+    the loop as a System. It has one input for each code, and one output for each output of the law
+    that becomes a code. Its last output is the controlled signal."""
 
     def closed(self, gain: float) -> System:
-        """Returns the closed loop, as Loop.closed() does. The set-point is constant over a
-        period."""
+        """Returns the closed loop; see Loop.closed(). The set-point is constant over a period of
+        the ticks."""
         whole, codes = self.whole, self.whole.B.shape[1]
         B, C, D = whole.B, whole.C[:codes], whole.D[:codes]
         assert self.entry is not None
@@ -110,7 +110,8 @@ class PeriodicLoop(Loop):
         return minimal(replace(self.whole, C=self.whole.C[:codes], D=self.whole.D[:codes]))
 
     def _outermost(self, gain: complex) -> complex:
-        """Returns the closed-loop pole with the largest magnitude. `gain` may be complex."""
+        """Returns the closed-loop pole with the largest magnitude at the gain `gain`, which may be
+        complex."""
         A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
         closed = A - gain * B @ np.linalg.solve(np.eye(len(D)) + gain * D, C)
         poles = np.linalg.eigvals(closed)
@@ -125,17 +126,18 @@ class PeriodicLoop(Loop):
         return abs(self._outermost(gain))
 
     def stable(self, gain: float) -> bool:
-        """Returns True if the closed loop is stable, as Loop.stable() does."""
+        """Returns True if the closed loop is stable; see Loop.stable()."""
         return self._radius(gain) < STABLE_BELOW
 
     def decay(self, gain: float) -> float:
-        """Returns the decay rate of the slowest pole, as Loop.decay() does."""
+        """Returns the decay rate of the slowest closed-loop pole; see Loop.decay()."""
         assert self.dt is not None
         return -math.log(max(self._radius(gain), 1e-300)) / self.dt
 
     def _edge(self, gain_at: Callable[[float], complex], good: float, bad: float) -> float:
-        """Returns the point between `good` (stable) and `bad` (unstable) at which a pole reaches
-        the stability boundary. `gain_at`: function that returns the gain at a point."""
+        """Returns the value between `good` (stable) and `bad` (unstable) at which a closed-loop
+        pole reaches the stability boundary. `gain_at`: function that returns the gain for such a
+        value."""
         return float(
             optimize.brentq(
                 lambda at: self._radius(gain_at(at)) - 1, good, bad, xtol=1e-14 * bad, rtol=1e-13
@@ -155,7 +157,8 @@ class PeriodicLoop(Loop):
         return result
 
     def _growths(self, gains: Matrix) -> Matrix:
-        """Returns the growths as Loop._growths() does, but in double precision, which is faster."""
+        """Returns the growth of the closed-loop poles at each gain; see Loop._growths(). The poles
+        are computed in double precision, which is faster."""
         poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
         found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
         return found
@@ -165,7 +168,7 @@ class PeriodicLoop(Loop):
         return self._of_poles()
 
     def margins(self, gain: float) -> Margins:
-        """Returns the gain margins and phase margins, as Loop.margins() does."""
+        """Returns the gain margins and phase margins; see Loop.margins()."""
         above = self._toward(gain, GAIN_STEP_FACTOR)
         below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
         turn = self._phase_margin(gain)
@@ -198,7 +201,8 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def _grid(self) -> Matrix:
-        """Frequencies in Hz up to half the rate of the periods. They are dense near a pole."""
+        """Returns frequencies in Hz, up to half the rate at which the sequence of ticks repeats.
+        They are dense near a pole."""
         assert self.dt is not None
         top = 0.5 / self.dt
         found = [np.geomspace(LOWEST_SHARE * top, top, int(6 * POINTS_PER_DECADE))]
@@ -210,8 +214,8 @@ class PeriodicLoop(Loop):
         return grid[(grid > 0) & (grid <= top)]
 
     def _lifted(self, hz: ArrayLike) -> Matrix:
-        """Returns the loop gain divided by k at frequencies in Hz, in the shape of
-        _sensitivities()."""
+        """Returns the loop gain divided by k at frequencies in Hz. The array has the shape of that
+        of _sensitivities()."""
         assert self.dt is not None
         A, B, C, D = (getattr(self._minimal, name).astype(complex) for name in "ABCD")
         z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
@@ -220,9 +224,9 @@ class PeriodicLoop(Loop):
         return result
 
     def _sensitivities(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes). S is computed
-        from the closed loop, because the loop gain of an integrator has no value at low
-        frequency."""
+        """Returns the sensitivity function S at frequencies in Hz, in the shape (frequencies,
+        codes, codes). S is computed from the closed loop, because the loop gain of an integrator
+        has no value at frequency 0."""
         assert self.dt is not None
         A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
         direct = np.linalg.inv(np.eye(len(D)) + gain * D)
@@ -233,7 +237,7 @@ class PeriodicLoop(Loop):
         return result
 
     def peak(self, gain: float) -> float:
-        """Returns Ms at a gain k at which the loop is stable."""
+        """Returns Ms, the largest |S|, at a gain k at which the loop is stable."""
 
         def size(hz: ArrayLike) -> Matrix:
             sizes: Matrix = np.linalg.norm(self._sensitivities(gain, hz), 2, axis=(1, 2))
@@ -252,8 +256,8 @@ class PeriodicLoop(Loop):
         return best
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns the component of S at the frequency of the disturbance. `hz`: frequencies in Hz
-        up to half the rate of the codes."""
+        """Returns the component of the sensitivity function S at the frequency of the disturbance.
+        `hz`: frequencies in Hz up to half the rate of the codes."""
         at = np.atleast_1d(np.asarray(hz, float))
         S = self._sensitivities(gain, at)
         assert self.dt is not None
@@ -300,44 +304,48 @@ class FreeLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """The loop gain divided by k, as Loop.open. The phase is that with the oldest readings."""
+        """The loop gain divided by k for the phase of the samples with the oldest readings; see
+        Loop.open."""
         return self._oldest.open
 
     def closed(self, gain: float) -> System:
-        """Returns the closed loop of the phase with the oldest readings."""
+        """Returns the closed loop for the phase of the samples with the oldest readings."""
         return self._oldest.closed(gain)
 
     def sensitivity(self, gain: float) -> System:
-        """Returns the sensitivity function S of the phase with the oldest readings."""
+        """Returns the sensitivity function S for the phase of the samples with the oldest
+        readings."""
         return self._oldest.sensitivity(gain)
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns S at a gain k as the mean over all phases, because the clock of the sensor
-        drifts through them."""
+        """Returns the mean of the sensitivity function S over all phases of the samples, at a gain
+        k. The mean applies because the clock of the sensor drifts through all phases."""
         result: Matrix = np.mean([loop.sensitivity_at(gain, hz) for loop in self.each], 0)
         return result
 
     def stable(self, gain: float) -> bool:
-        """Returns True if the loop is stable with every phase."""
+        """Returns True if the loop is stable with every phase of the samples."""
         edge = self.limit().gain
         return not (edge and gain >= edge) and all(loop.stable(gain) for loop in self.each)
 
     def least_margin(self, gain: float, known: float | None) -> float | None:
-        """Returns the gain margin at a gain k below the limit. `known`: smallest gain margin of the
-        loops `each`. At phases between those of `each`, the limit may be lower."""
+        """Returns the gain margin over all phases of the samples, at a gain k at which the loop is
+        stable. `known`: smallest gain margin of the loops `each`. The margin may be smaller at
+        phases between those of `each`."""
         edge = self.limit().gain
         if not edge or gain >= edge:
             return known
         return edge / gain if known is None else min(known, edge / gain)
 
     def decay(self, gain: float) -> float:
-        """Returns the smallest decay rate of all phases."""
+        """Returns the smallest decay rate over all phases of the samples."""
         return min(loop.decay(gain) for loop in self.each)
 
     @cached_property
     def _limit(self) -> Limit:
-        """The lowest limit of the gain over all phases. Within one order of samples and ticks, the
-        limit is a smooth function of the phase. Its minimum is searched with parabolas."""
+        """The lowest gain limit over all phases of the samples. Within one order of samples and
+        ticks, the limit is a smooth function of the phase. Its minimum is searched with
+        parabolas."""
         limits = [loop.limit() for loop in self.each]
         best = min(limits, key=_stable_to)
         if self.between is None or not best.gain:
@@ -360,7 +368,7 @@ class FreeLoop(Loop):
         return best
 
     def margins(self, gain: float) -> Margins:
-        """Returns the smallest margins of all phases."""
+        """Returns the smallest gain margins and phase margins over all phases of the samples."""
         found = [loop.margins(gain) for loop in self.each]
 
         def least(name: str) -> Margins:

@@ -23,10 +23,9 @@ class ParameterFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class StructureFacts:
-    """A structure that a model gives by n modes of vibration at its p ports. It has a name, the
-    names of the ports, and the n modal masses in kg. `shapes`: displacements of the ports in each
-    mode, an array (n, p).
-    """
+    """A flexible structure of a model, given by n modes of vibration at its p ports. It has a name,
+    the names of the ports, and the n modal masses in kg. `shapes`: displacements of the ports in
+    each mode, an array (n, p)."""
 
     name: str
     ports: tuple[str, ...]
@@ -64,7 +63,7 @@ class BusFacts(NamedTuple):
 
     @property
     def is_immediate(self) -> bool:
-        """True if every tick has a frame of its own in both directions, and no frame is late."""
+        """True if the bus has one frame in each direction in every tick, and no frame is late."""
         return self == (1, 0, 0)
 
     def label(self) -> str:
@@ -87,8 +86,9 @@ class DriveFacts:
 
     @property
     def loop_text(self) -> str | None:
-        """Text for a user with the gains of the velocity loop, or None for a drive of another type
-        than velocity. The model file may state only a bandwidth. The gains are then computed."""
+        """Text for a user with the gains of the velocity loop. It is None if the drive is not of
+        the type velocity. If the model file states only a bandwidth, the gains are computed from
+        it."""
         if self.type != "velocity":
             return None
         text = f"k_velocity {self.values['k_velocity']:.5g} N s/m"
@@ -152,7 +152,8 @@ class EncoderFacts:
 
 @dataclass(frozen=True)
 class PlantFacts:
-    """Bodies, signals, parameters and devices of one model with given parameter values.
+    """Contents of one model with given parameter values: its bodies, signals, parameters and
+    devices.
 
     `path`: path of the model file. `masses_kg`: mass of each body. `structures`: structures that
     the model gives by their modes of vibration. `signals`: {signal: unit}. `switches`: {element:
@@ -258,8 +259,8 @@ class PlantFacts:
         return self.drive.bus if self.drive else BusFacts(1, 0, 0)
 
     def expect_fresh_reading(self, purpose: str) -> None:
-        """Raises InputError, which names `purpose`, unless each sample of the force sensor reaches
-        the firmware in its own tick."""
+        """Raises InputError unless each sample of the force sensor reaches the firmware in its own
+        tick. The error text names `purpose`, what the caller wants to do."""
         if self.reading and self.reading.sampling:
             raise _core.InputError(
                 f"{self.path}: adc.sample_rate: expected an ADC that samples at each tick and "
@@ -270,8 +271,9 @@ class PlantFacts:
             )
 
     def expect_no_bus(self, purpose: str) -> None:
-        """Raises InputError, which names `purpose`, if the bus to the drive has a cycle or a delay.
-        Also raises it in the cases of expect_fresh_reading()."""
+        """Raises InputError if the bus to the drive has a cycle or a delay. Also raises it in the
+        cases of expect_fresh_reading(). The error text names `purpose`, what the caller wants to
+        do."""
         self.expect_fresh_reading(purpose)
         if not self.bus.is_immediate:
             raise _core.InputError(

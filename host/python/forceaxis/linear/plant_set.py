@@ -33,7 +33,7 @@ class Member:
 
     @property
     def key(self) -> Hashable:
-        """Returns a key for dicts. The keys of equal plants are equal."""
+        """Key of the plant for a dict. Equal plants have equal keys."""
         return tuple(sorted(self.values.items())), tuple(sorted(self.modes.items()))
 
     def label(self) -> str:
@@ -49,9 +49,8 @@ class PlantSet:
     """A set of plants: one model with parameters in ranges, and several combinations of element
     states. `model`: a path, or the file name without suffix. `overrides`: {parameter: value} of all
     plants. `ranges`: {parameter: (nominal, low, high)} in SI units. `modes`: combinations {element:
-    state}. `together`: choices {parameter: SI value} of parameters that change together. Each
-    choice of values in the ranges is combined with each choice of `together` and with each
-    combination of states."""
+    state}. `together`: choices {parameter: SI value} of parameters that change together. All
+    combinations occur."""
 
     model: str
     overrides: Overrides = field(default_factory=dict)
@@ -125,8 +124,8 @@ def ranges_of(
 
 
 def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str | Range]]:
-    """Yields (parameter, range). The range is a text, or the three values that a posterior
-    gives."""
+    """Yields pairs (parameter, range). A range is a text, or the three values (most likely, low,
+    high) from a posterior."""
     for text in (part for given in over for part in given.split(",")):
         if not posterior.is_posterior(text):
             yield text.partition("=")[0], text
@@ -139,8 +138,8 @@ def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str
 def ranges_beside(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], posterior.Posterior | None]:
-    """Returns (ranges, posterior). The ranges are those of ranges_of(), without those of the
-    posterior. Raises ParameterError or InputError."""
+    """Returns (ranges, posterior). The ranges are those of ranges_of(), except those that the
+    posterior gives. Raises ParameterError or InputError."""
     texts = [part for given in over for part in given.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]
     ranges = ranges_of(model, texts, overrides)
@@ -155,9 +154,9 @@ def ranges_beside(
 def set_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
-    """Returns (ranges, plants). The ranges are those of ranges_beside(). The plants {parameter: SI
-    value} stand for 95 % of the posterior. Without a posterior, they are ({},). Raises
-    ParameterError or InputError."""
+    """Returns (ranges, plants). The ranges are those of ranges_beside(). Each plant is {parameter:
+    SI value}, and together the plants stand for 95 % of the posterior. Without a posterior, they
+    are ({},). Raises ParameterError or InputError."""
     ranges, found = ranges_beside(model, over, overrides)
     return ranges, found.plants() if found else ({},)
 

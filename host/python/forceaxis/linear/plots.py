@@ -93,7 +93,8 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # A nearly constant curve must not look like a large change.
+        # The axis has at least one decade, so that a nearly constant curve looks nearly constant.
+        if high < 10 * low:
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -114,7 +115,8 @@ def bode(
 
 
 def members_key(ax: Axes) -> None:
-    """Adds a legend that names the nominal curve and the curves of the other plants of a set."""
+    """Adds a legend that names the curve of the nominal plant and the curves of the other plants of
+    a set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER_LINE)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best")
 
@@ -187,7 +189,7 @@ def nyquist(
         at = int(np.argmin(np.abs(frequency_hz - hz)))
         point = values[at]
         ax.plot(point.real, point.imag, "o", color=INK, markersize=2.5)
-        # The label is at right angles to the curve, on the side that points away from the origin.
+        # The label of a frequency is beside the curve, on the side that is away from the origin.
         along = values[min(at + 1, len(values) - 1)] - values[max(at - 1, 0)]
         out = along * 1j / abs(along)
         out *= 14 if (out * point.conjugate()).real > 0 else -14
@@ -288,7 +290,8 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are outside the plot
+        # Poles farther to the left than the edge of the plot are not drawn.
+        ax.set_xlim(-0.57 * span, 0.43 * span)
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
@@ -494,7 +497,7 @@ def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOf
 
 
 def _with_units(curves: Sequence[Curve], model: str) -> list[Curve]:
-    """Returns the curves of a model. Their labels contain the units of the parameters."""
+    """Returns the curves of a model with new labels, which contain the units of the parameters."""
     return [replace(c, label=with_units(c.label, model)) for c in curves]
 
 
@@ -545,7 +548,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
 
 
 def poles_figure(result: PolesResult, span_hz: float | None = None) -> Figure:
-    """Returns a plot of poles and zeros without roots at infinity."""
+    """Returns a plot of poles and zeros. Roots at infinity are left out."""
 
     def finite(roots: Sequence[Root]) -> Roots:
         return np.array(

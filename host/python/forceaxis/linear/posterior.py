@@ -13,10 +13,11 @@ from forceaxis.results import from_json
 
 FORMAT = "forceaxis posterior 1"
 SUFFIX = ".json"
-HELD_SHARE = 0.95  # share of the posterior that the plants of a set represent
+HELD_SHARE = 0.95  # probability of the posterior that the plants of a set represent together
 PLANTS = 40  # largest number of plants of a set
-VALUE_LEAST = 1e-100  # smallest SI value of a parameter; the largest value is its inverse
-LOW, HIGH = 0.025, 0.975  # ends of the interval that contains 95 % of the samples
+# smallest SI value of a parameter; the largest value is the inverse of this number
+VALUE_LEAST = 1e-100
+LOW, HIGH = 0.025, 0.975  # ends of the interval of a parameter that contains 95 % of the samples
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Posterior:
         return float(low), float(high)
 
     def values(self, index: int) -> dict[str, float]:
-        """Returns {parameter: value} of a sample."""
+        """Returns the parameter values of one sample as {parameter: value}."""
         return dict(zip(self.names, self.table[index].tolist(), strict=True))
 
     def plants(self) -> tuple[dict[str, float], ...]:
@@ -68,12 +69,13 @@ class Posterior:
 
 
 def is_posterior(text: str) -> bool:
-    """Returns True if a text is the file name of a posterior, and not a range NAME=RANGE."""
+    """Returns True if a text is the file name of a posterior, and False if it is a range
+    NAME=RANGE."""
     return "=" not in text and text.endswith(SUFFIX)
 
 
 def read(path: str | Path) -> Posterior:
-    """Returns the posterior in a file. Raises InputError."""
+    """Returns the posterior that a file contains. Raises InputError for a wrong file."""
     file, wrong = Path(path), "a posterior.json of `fit_contact`"
     if not file.is_file():
         files.refuse(file, wrong, "no such file", "check the path")

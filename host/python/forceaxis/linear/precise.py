@@ -35,8 +35,8 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Figures:
-    """Bandwidths and margins of one force loop at one gain. For an unstable loop, only `stable` is
-    defined. The other fields are then None or False."""
+    """Bandwidths and margins of one force loop at one gain. For an unstable loop, only the field
+    `stable` has a meaning. The other fields are then None or False."""
 
     stable: bool
     # Bandwidth of the sensitivity function S in Hz.
@@ -70,7 +70,7 @@ class Figures:
 
 
 def law_shape(bank: Bank) -> _core.LawShape:
-    """Returns a filter bank with the gain 1, in the form for the evaluation in C++."""
+    """Returns a filter bank with the gain 1 as an argument for the functions in C++."""
     sections = [(s[0], s[1], s[2], s[3], s[4]) for s in bank.sections]
     return _core.LawShape(bank.integral_rad_per_s, sections)
 
@@ -92,8 +92,9 @@ def law_grid(
 
 
 class Responses:
-    """Frequency responses of the plants of a set on full grids of frequencies, see _core.LawGrid.
-    Each plant is computed only once, because this takes longer than the evaluation of a law.
+    """Frequency responses of the plants of a set on full grids of frequencies; see _core.LawGrid.
+    The response of each plant is computed only once, because this takes longer than the evaluation
+    of a law.
 
     plants: the set of plants. timings: names of DELAYS. all_phases: True for the responses with
     every analysed phase of the samples, if the phase of the sensor is not known. Otherwise, only
@@ -117,8 +118,9 @@ class Responses:
 
     @property
     def is_exact(self) -> bool:
-        """True if one code belongs to each period after which the ticks repeat. Otherwise,
-        bandwidths and margins are those for a mean age of the readings."""
+        """True if bandwidths and margins are exact. This is so if the loop has one code in the
+        period after which its ticks repeat. Otherwise, they are computed with a mean age of the
+        readings."""
         return self.of(self.plants.nominal()[0]).exact
 
     @property
@@ -150,8 +152,8 @@ class PreciseLoops:
         responses: Responses, timings: Sequence[str], spec: LoopSpec, gain: float | None,
         force_gain: float | None,
     ) -> "PreciseLoops | None":  # fmt: skip
-        """Returns the loops, or None if the C++ evaluation does not support loops of this kind. The
-        gain is given as in `over.worst`."""
+        """Returns the loops, or None if the functions in C++ do not support loops of this kind. For
+        the gain, see `over.worst`."""
         known = (
             spec.law in ("p", "pi", "bank") and spec.output == "reading" and not spec.free
             and spec.tick_s == TICK_S and not set(spec.parameters) - {"integral_rad_per_s"}

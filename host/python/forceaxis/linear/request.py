@@ -50,18 +50,18 @@ class LoopRequest:
         return self.gain is not None or self.firmware_gain is not None
 
     def settings(self, plant: bool = False) -> ModelSettings:
-        """Returns the settings of the model or experiment. `plant`: True if only the plant is
-        needed and no force loop."""
+        """Returns the settings of the model or experiment of the request. `plant`: True if only the
+        plant is needed and no force loop."""
         return settings.of(self.model, self.overrides, plant)
 
     def law_of(self, own: ModelSettings) -> FirmwareLaw:
-        """Returns the law of the firmware. It is that of the request, or else that of `own`, the
-        settings of the experiment."""
+        """Returns the control law of the request. Without one, returns that of `own`, the settings
+        of the experiment."""
         return self.firmware_law or own
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """Returns the specification of the force loop. Fields of the request replace those of
-        `own`, the settings of the experiment."""
+        """Returns the specification of the force loop. Fields that the request sets replace those
+        of `own`, the settings of the experiment."""
         firmware = self.law_of(own)
         law = self.law or firmware.law
         return LoopSpec(
@@ -97,8 +97,8 @@ class LoopRequest:
 
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
-    """Returns the gain k of a force loop, or None. It is the first of these that is given: `gain`,
-    the gain for `firmware_gain` (`force_gain` in DAC codes per 8-bit count), the gain of the loop's
+    """Returns the gain k of a force loop, or None. It is `gain` if this is given, else the gain for
+    `firmware_gain` (`force_gain` in DAC codes per 8-bit count), else the gain of the loop's
     experiment. Raises ParameterError if `gain` and `firmware_gain` are both given, or if the gain
     is out of range."""
     if gain is not None and firmware_gain is not None:
@@ -119,8 +119,8 @@ def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> flo
 
 
 def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float:
-    """Returns the gain k as one_gain() does. Without a given gain, k is half the critical gain, or
-    1 if the loop has no critical gain."""
+    """Returns the gain k that one_gain() returns. Without a given gain, k is half the critical
+    gain, or 1 if the loop has no critical gain."""
     given = one_gain(loop, gain, firmware_gain)
     return (loop.limit().gain or 2.0) / 2 if given is None else given
 

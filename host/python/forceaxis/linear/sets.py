@@ -22,8 +22,8 @@ BOTH_TIMINGS = ("zoh", "zoh+1")
 
 @dataclass(frozen=True)
 class SetMember:
-    """One force loop of a set. It has the plant, as {parameter: SI value} and {element: state}, and
-    the delay of the loop."""
+    """One force loop of a set: its plant, as {parameter: SI value} and {element: state}, and the
+    delay of the loop."""
 
     values: dict[str, float]
     modes: dict[str, str]
@@ -36,8 +36,8 @@ class SetMember:
         return cls(member.values, member.modes, timing)
 
     def label(self) -> str:
-        """Name of the force loop for a user. It has parameter values, states and delay, such as
-        "k_w = 288,900, drive.amplifier = high outer, zoh"."""
+        """Text for a user that names the force loop. It has parameter values, states and delay,
+        such as "k_w = 288,900, drive.amplifier = high outer, zoh"."""
         return f"{Member(self.values, self.modes).label()}, {self.timing}"
 
 
@@ -196,7 +196,7 @@ class LoopSet:
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # gain k of all loops; None if `force_gain` is given or if no gain is given
+    gain: float | None  # gain k of all loops; None if a `force_gain` or no gain at all is given
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
@@ -435,8 +435,8 @@ def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
 def _worst_step(
     rows: Sequence[MemberStep], figure: Callable[[StepResponse], float | None]
 ) -> WorstStep | None:
-    """Returns the step response with the largest value that `figure` returns, an overshoot or a
-    settling time. Returns None if no step response has this value."""
+    """Returns the step response with the largest overshoot or settling time. `figure`: function
+    that returns one of these two values. Returns None if no step response has this value."""
     found: WorstStep | None = None
     for row in rows:
         value = figure(row.response)

@@ -23,8 +23,8 @@ FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "im
 
 @dataclass(frozen=True)
 class ExperimentInputs:
-    """Inputs of an experiment: path of the model, {parameter of the model: SI value}, and {firmware
-    object: initial value}."""
+    """The initial conditions of an experiment: path of the model, {parameter of the model: SI
+    value}, and {firmware object: initial value}."""
 
     model: str
     parameters: dict[str, float]
@@ -41,9 +41,10 @@ def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class FirmwareLaw:
-    """The control law of the firmware. law: a name of `loops.LAWS`. bank: the filter bank, or None.
-    force_gain: gain of a law of the thesis in DAC codes per 8-bit count, or None. parameters:
-    parameters of a law of motion in SI units. late_motion: as in LoopSpec."""
+    """The control law of the firmware. law: a key of `loops.LAWS`. bank: the filter bank, or None.
+    force_gain: gain of a law without filter bank in DAC codes per 8-bit count, or None. parameters:
+    parameters of the laws stiffness, damping and impedance in SI units. late_motion: as in
+    LoopSpec."""
 
     law: str = "p"
     bank: banks.Bank | None = None
@@ -60,8 +61,8 @@ class FirmwareLaw:
 
 @dataclass(frozen=True)
 class ModelSettings(FirmwareLaw):
-    """The plant of a force loop. If an experiment specifies a control law of the firmware, the
-    settings also have this law."""
+    """The plant of a force loop. If the plant comes from an experiment, the settings also have the
+    control law of its firmware."""
 
     model: str
     overrides: dict[str, float | str]  # {parameter: SI value, or text with a unit}
@@ -81,8 +82,8 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Container[str]) -> bool:
-    """Returns True if `table`, the content of a file, is that of an experiment. An experiment names
-    a model and a run."""
+    """Returns True if `table`, the content of a file, is that of an experiment: a file that names a
+    model and a run."""
     return "model" in table and "duration_s" in table
 
 

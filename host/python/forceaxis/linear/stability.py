@@ -24,22 +24,23 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# Rounding of the matrix entries may change the gain of a reported crossing by this share.
-# A crossing of the stability boundary is not reported if rounding changes its gain more.
+# Largest relative change of a crossing's gain that rounding of the matrix entries may cause.
+# A crossing of the stability boundary with a larger change of its gain is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# A gain below this share of a loop's typical gain is too small for every useful law.
-# Below this gain, rounding decides whether a loop with two integrators is stable.
+# A gain below this ratio to the typical gain of a loop is too small for every useful law.
+# For so small a gain, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
-SLOWEST_POLE_RAD_PER_S = 1e-3  # a slower pole is an integrator, within rounding errors
-# Gains, as shares of the typical gain, at which the result "no limit" is checked.
+# A pole with a smaller magnitude is an integrator, apart from rounding errors.
+SLOWEST_POLE_RAD_PER_S = 1e-3
+# Gains, relative to the typical gain, at which the result "no limit" is checked.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next gain of a search.
 # A search does not detect two changes between stable and unstable within one step.
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # number of gains that a search evaluates together
-ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show their effect
-# Relative distance from a limit at which the loop must be seen to be stable or unstable.
+ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show the effect of rounding
+# At this relative distance from a gain limit, the loop must clearly be stable or unstable.
 EDGE_SHARE = 1e-7
 
 
@@ -55,17 +56,18 @@ class Crossing:
 
     gain: float
     # Frequency of the crossing in Hz.
-    # None means a pole at infinity, of a continuous loop with a negative direct path.
+    # The frequency is None for a pole at infinity (continuous loop with a negative direct path).
     frequency_hz: float | None
     # Direction in which the pole moves as the gain rises.
-    # 1: the pole leaves the stable region. -1: it enters it. 0: it only touches the boundary.
+    # 1: the pole becomes unstable. -1: the pole becomes stable. 0: it only touches the boundary.
     direction: int
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The gain at which the force loop becomes unstable as the gain rises from 0. `gain` is None if
-    the loop is stable at every gain, or at every gain up to `known_to`."""
+    """The gain limit of a force loop: the gain at which the loop becomes unstable as the gain rises
+    from 0. `gain` is None if the loop is stable at every gain, or at every gain up to
+    `known_to`."""
 
     gain: float | None
     frequency_hz: float | None
@@ -132,7 +134,7 @@ class Loop:
     own_gain: float | None = None  # gain k of the loop's experiment
     working: Working = field(default_factory=lambda: Working({}))
     # Effects of a constant set-point on the states and on the feedback of a loop over a bus.
-    # None means that the set-point acts on the loop as the error does.
+    # This field is None if the set-point acts on the loop as the error does.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property
@@ -197,7 +199,7 @@ class Loop:
         """Returns the closed-loop poles in 1/s. For a sampled loop, the poles are log(z) / T."""
         return self.closed(gain).poles_s()
 
-    # At a critical gain, L / k is real and negative on the stability boundary.
+    # At a critical gain, L / k is real and negative at a frequency on the stability boundary.
     # A sampled loop is transformed to w = (2/T) (z - 1)/(z + 1).
     # The transformation to w moves the unit circle to the imaginary axis.
 
@@ -240,8 +242,8 @@ class Loop:
         return self._known(w)[0]
 
     def _static_rounding(self, static: float) -> float:
-        """Returns the value that |G(0)| must exceed so that its rounding error is below 1 %.
-        Returns infinity for an integrator.
+        """Returns the value that |G(0)|, the static gain of the loop, must exceed so that its
+        rounding error is below 1 %. Returns infinity for an integrator.
 
         G(0) is computed again with states in other units, which changes the rounding. The
         difference also contains errors that `_known` does not include. They come from a pole and a
@@ -261,9 +263,9 @@ class Loop:
         return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
-        """Returns frequencies along the stability boundary. None of them is a pole. Between two
-        adjacent frequencies, a real function of w changes its sign at most once. `zeros`: estimates
-        of the zeros of this function in s."""
+        """Returns a grid of frequencies along the stability boundary. None of them is a pole.
+        Between two adjacent frequencies, a real function of w changes its sign at most once.
+        `zeros`: estimates of the zeros of this function in s."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
@@ -288,9 +290,9 @@ class Loop:
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
-        """Returns the poles that are on the stability boundary at gain 0, within rounding errors.
-        Each is (frequency along the boundary, change of the pole per gain). The change is None for
-        a multiple pole."""
+        """Returns the poles that are on the stability boundary at gain 0, apart from rounding
+        errors. Each is (frequency along the boundary, change of the pole per gain). The change is
+        None for a multiple pole."""
         A, B, C, _ = self._plane
         size = np.linalg.norm(A)
         there = np.abs(self._poles.real) <= np.maximum(1e-12 * np.abs(self._poles), 1e-17 * size)
@@ -302,7 +304,7 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            # Product of left and right eigenvector. It is 0 if two poles are equal.
+            # Product of left and right eigenvector of a pole. It is 0 if two poles are equal.
             turn = left[i] @ right[:, i]
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
@@ -376,14 +378,14 @@ class Loop:
         negligible = NEGLIGIBLE_GAIN * self._typical_gain
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                # The phase changes at a pole, but no gain has a crossing there.
+                # The phase of the loop changes at a pole, but no gain has a crossing there.
                 continue
             G, slope, rounding = self._known(w)
             value = G.real
             # The value of G is corrected for the rounding error of the frequency w.
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):
                 value -= slope.real * G.imag / slope.imag
-            # The phase also changes at a zero of G, but there the gain -1 / G is infinite.
+            # The phase of G also changes at a zero of G, but there the gain -1 / G is infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < GAIN_CHANGE_MAX * abs(value):
@@ -489,22 +491,22 @@ class Loop:
 
     def _settled(self, gain: float) -> bool | None:
         """Returns True if the closed loop is stable at a gain k, and False if it is unstable.
-        Returns None if rounding decides: the entries of its matrix are known only to double
-        precision."""
+        Returns None if this depends on rounding of the matrix entries, which are known only to
+        double precision."""
         A = self._closed_minimal(gain)
         rng = np.random.default_rng(len(A))
         growths = [self._growth(A)]
         for _ in range(ROUNDED_AGAIN):
             growths.append(self._growth(A * (1 + 2.0**-53 * rng.choice([-1, 1], A.shape))))
-        # A change of the matrix by the same size in another direction must give the same answer.
+        # An equal change of the matrix with the opposite effect must give the same answer.
         size = 1.0 if self.dt is not None else float(np.abs(self._poles).max())
         least = max(growths) - min(growths) + 2.0**-50 * size
         return None if min(growths) - least < 0 < max(growths) + least else growths[0] < 0
 
     def _smallest_stable(self) -> float | None:
-        """Returns the smallest of the CHECKED_GAINS at which the answer does not depend on
-        rounding, if the loop is stable there. Returns None if the loop is unstable there, or if
-        there is no such gain."""
+        """Returns the smallest of the CHECKED_GAINS at which rounding does not decide about
+        stability. Returns None if there is no such gain, or if the loop is unstable at this
+        gain."""
         for gain in self._typical_gain * CHECKED_GAINS:
             settled = self._settled(gain)
             if settled is not None:
@@ -527,7 +529,8 @@ class Loop:
                 if outside < 0:
                     inside = at
                 elif at > inside and self._settled(at) is False:
-                    while growth(inside) >= 0:  # the search may have used a less exact growth
+                    # The growth at the gain `inside` may have been computed less exactly before.
+                    while growth(inside) >= 0:
                         inside = max(inside / GAIN_STEP_FACTOR, least)
                     return self._root(growth, inside, at)
             gain = float(gains[-1])
@@ -541,8 +544,8 @@ class Loop:
         return float(abs(np.angle(poles[np.argmax(np.abs(poles))])) / (2 * math.pi * self.dt))
 
     def _of_poles(self) -> Limit:
-        """Returns the limit that follows from the closed-loop poles. It has no crossings above the
-        limit."""
+        """Returns the gain limit that follows from the closed-loop poles. The result has no
+        crossings above this limit."""
         start = self._smallest_stable()
         if start is None:
             return Limit(0.0, None, [], [], "unstable at any small gain")
@@ -555,8 +558,9 @@ class Loop:
         return Limit(edge, hz, [Crossing(edge, hz, 1)], [(0.0, edge)], "")
 
     def _checked(self, found: Limit) -> Limit:
-        """Checks the result `found`: that there is no limit, or that no small gain is stable.
-        Returns `found`, or the limit from the closed-loop poles if these contradict it."""
+        """Checks the result `found` with the closed-loop poles. `found` states that there is no
+        gain limit, or that the loop is stable at no small gain. Returns `found`, or the limit from
+        the closed-loop poles if these contradict it."""
         if not len(self._minimal.A):
             return found
         start = self._smallest_stable()
@@ -603,7 +607,8 @@ class Loop:
         return ranges
 
     def _by_response(self) -> Limit:
-        """Returns the limit that follows from the response along the stability boundary."""
+        """Returns the gain limit that follows from the frequency response along the stability
+        boundary."""
         (crossings, known_to), ranges = self._crossed, self._ranges_by_response
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"

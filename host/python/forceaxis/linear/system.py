@@ -1,4 +1,4 @@
-"""The plant with given states of its elements as a linear system. The module computes matrices,
+"""The plant as a linear system, for given states of its elements. The module computes matrices,
 poles, zeros and responses, and samples the system with a zero-order hold.
 
 All results come from the equations that the time simulation integrates (`_core.linear`). The module
@@ -81,7 +81,7 @@ class System:
 
     @cached_property
     def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
-        """The matrices (A, B, C) with the states in other units, so that rows and columns of A have
+        """The matrices (A, B, C) in other units of the states, so that rows and columns of A have
         similar magnitudes."""
         if not len(self.A):
             return self.A, self.B, self.C
@@ -117,7 +117,7 @@ class System:
             if not row.any():
                 break
             value, size = (row @ B).item(), (bound @ abs(B)).item()
-            # A Markov parameter below this bound is a rounding error of an exact 0.
+            # A Markov parameter below this bound is 0, apart from rounding errors.
             if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
@@ -202,7 +202,7 @@ class System:
     def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
         """Returns the sampled system with a zero-order hold at its input. `dt`: sampling period in
         s. `delay_ticks`: number of samples by which the inputs act later. `extended`: True if A and
-        B keep the digits of np.longdouble. In double precision, a very small response G would lose
+        B are returned as np.longdouble. With double precision, a very small response G would lose
         its digits."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
@@ -275,7 +275,7 @@ def find_model(text: str | Path) -> Path:
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
     """Returns {name: value} from texts NAME=VALUE. A value is a number, the text of a quantity with
     a unit, or the name of another parameter. Raises ParameterError for a text of another form, and
-    for a name that occurs with two values."""
+    for a name with two different values."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -365,7 +365,8 @@ def linearise(
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
-    """Raises InputError if `names`, the names for `parameter`, contains a name twice."""
+    """Raises ParameterError if a name occurs twice in `names`. `parameter`: the argument of the
+    caller that has these names."""
     if len(set(names)) < len(names):
         raise ParameterError(
             parameter, f"expected each name once, got {', '.join(names)}; remove repeated names"
@@ -373,8 +374,8 @@ def once(parameter: str, names: Sequence[str]) -> None:
 
 
 def check_export(path: str | Path | None) -> None:
-    """Raises InputError if matrices cannot be written to a file with the suffix of `path`. A caller
-    checks this before the computation."""
+    """Raises InputError if a file with the name `path` cannot contain matrices, because of its
+    suffix. A caller checks this before the computation."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
         raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
@@ -399,8 +400,8 @@ def export(system: System, path: str | Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemResult:
-    """A System for the JSON output. It also has the states of the elements of the model, or None if
-    no element has different states. dt in s is None for a continuous system."""
+    """A System for the JSON output. It also has the states of the switching elements of the model,
+    or None if the model has no such element. dt in s is None for a continuous system."""
 
     working: Working | None = json_field(inline=True)
     states: tuple[str, ...]
@@ -414,7 +415,7 @@ class SystemResult:
 
 
 def system_result(system: System, mode: Working) -> SystemResult:
-    """Returns a System and the states of the elements of its model as a SystemResult."""
+    """Returns a System as a SystemResult, together with the states of the elements of its model."""
     return SystemResult(
         working=mode.shown,
         states=system.states,

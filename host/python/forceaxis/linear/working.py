@@ -1,5 +1,5 @@
-"""The default states of the elements with which a model is linearised. These are the states in
-which the axis works.
+"""The default states of the elements of a model for its linearisation. They are the states in which
+the axis works.
 
 A force law works while the axis presses and moves. Contacts are then pressed, frictions slide,
 backlash is closed, and all other elements are in the middle of their range. The slider of a contact
@@ -34,7 +34,7 @@ DAC_CODES = 2048  # number of DAC codes from 0 V to full scale
 SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
 States = Mapping[str, str]  # states of elements: {element: state}
-Stamp = tuple[int, int]  # version of a file: (time of the last change in ns, size in bytes)
+Stamp = tuple[int, int]  # version of a model file: (time of the last change in ns, size in bytes)
 Used = tuple[tuple[str, float | str], ...]  # parameter values: ((parameter, value), ...)
 
 
@@ -54,16 +54,16 @@ class Friction:
 @dataclass(frozen=True)
 class Working:
     """The states of the elements with which a model is linearised. `modes`: {element: state}, given
-    by the caller or chosen. `text`: the chosen states as one text line for a user. It is "" if no
-    element has different states and no state was given."""
+    by the caller or chosen. `text`: the chosen states as one text line for a user. It is "" if the
+    model has no switching element and no state was given."""
 
     modes: dict[str, str] = json_field(key="mode")
     text: str = json_field(key="mode_text", default="")
 
     @property
     def shown(self) -> "Working | None":
-        """Returns this object for the JSON output, or None if no element of the model has different
-        states."""
+        """Returns this object for the JSON output, or None if the model has no switching
+        element."""
         return self if self.text else None
 
 
@@ -87,8 +87,8 @@ class _Elements(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _elements(path: str, stamp: Stamp) -> _Elements:
-    """Returns the elements of a model file. `stamp`: time and size of the file, which are part of
-    the key of the cache."""
+    """Returns the elements of a model file whose default states depend on the parameters. `stamp`:
+    time and size of the file, which are part of the key of the cache."""
     table = toml.read(path)
     frictions = (
         _FrictionRow(
@@ -113,7 +113,7 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_elements(path: str | Path) -> _Elements:
-    # The function that reads models reports a missing model file later.
+    # A missing model file is reported later, by the function that reads models.
     if not Path(path).is_file():
         return _Elements()
     return _elements(str(path), _stamp(path))
@@ -165,8 +165,8 @@ def sliders(path: str | Path) -> tuple[str, ...]:
 
 
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """Returns the friction elements that the drive cannot overcome. At such an element, the force
-    that arrives from the drive is below the breakaway force."""
+    """Returns the friction elements that the drive cannot overcome. The largest force of the drive
+    at such an element is below its breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -222,8 +222,8 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
 
 @lru_cache(maxsize=512)
 def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """Returns the default states of friction and backlash elements. `stamp` is the version of the
-    file, and `used` are the values that the computation uses. Both are part of the key of the
+    """Returns the default states of friction and backlash elements. `stamp`: version of the model
+    file. `used`: the parameter values that the computation uses. Both are part of the key of the
     cache."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
@@ -249,7 +249,8 @@ def working(
     given = tuple(sorted((overrides or {}).items()))
     chosen = dict(_chosen(str(path), _stamp(path), used, given))
     for name in backlashes(path):
-        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank of the backlash is closed
+        # If one flank of the backlash is closed, the other flank is not.
+        if named.get(name + FLANKS[0], OPEN) != OPEN:
             chosen.pop(name + FLANKS[1])
     taken = chosen | named
     contacts = [contact.name for contact in known.contacts]
@@ -273,9 +274,10 @@ def friction_states(
 def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
-    """Returns, for each element that switches, those states that can last and that differ as linear
-    systems. Each state is {switch: state}. `switches`: as in facts(). A backlash or a stop with two
-    ends has at most one closed end. Both flanks of a backlash give the same system."""
+    """Returns, for each element that switches, the states that can last and that give different
+    linear systems. Each state is {switch: its state}. `switches`: as in facts(). A backlash or a
+    stop with two ends has at most one closed end. Both flanks of a backlash give the same
+    system."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
     done = {name for states in found for one in states for name in one}
     plays = backlashes(path)
@@ -317,10 +319,9 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """Returns the end of an error text about the element that interrupts the signal path with the
-    states `taken`. The text names this element and the remedy. It is empty if no single element
-    interrupts the path. `has_path(modes)`: function that returns True if the path exists with the
-    states `modes`."""
+    """Returns the end of an error text. It names the element that interrupts the signal path with
+    the states `taken`, and the remedy. It is empty if no single element interrupts the path.
+    `has_path(modes)`: function that returns True if the path exists with the states `modes`."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (
