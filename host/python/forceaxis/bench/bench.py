@@ -51,14 +51,14 @@ if TYPE_CHECKING:
     from forceaxis.linear.stability import Limit, Loop
 
 Runner = Callable[[], TimedRun | None]
-Advance = Callable[[], None]  # function that advances the progress bar by one step
+Advance = Callable[[], None]  # function that advances the progress bar of the benchmark by one step
 
 OWN_TOOLS = ("forceaxis", "forceaxis+firmware")
 TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
 SETPOINT_B_N = 100
-TURN_S = 0.01  # CPU time in s of one turn; in a turn, one tool repeats its run
+TURN_S = 0.01  # CPU time in s of one turn, in which one tool repeats its run
 RESPONSE_MODEL, RESPONSE_POINTS = "full_axis", 10_000
 ADVICE_MODELS = ("laboratory", "full_axis")
 
@@ -69,7 +69,8 @@ class Case:
     loop."""
 
     experiment: str
-    signals: tuple[str, str, str]  # signals of contact force, robot body and workpiece body
+    # names of three signals: contact force, position of the robot, position of the workpiece
+    signals: tuple[str, str, str]
     gain: int  # gain in DAC codes per ADC code
     setpoint_N: int
 
@@ -107,13 +108,15 @@ class SweepSpeed:
     runs_per_s_core: float  # number of runs per second of CPU time
     runs_per_s: float
     runs_per_s_two_threads: float
-    two_thread_ratio: float  # elapsed time with one thread divided by elapsed time with two threads
+    # elapsed time with one thread, divided by elapsed time with two threads
+    two_thread_ratio: float
     two_thread_cpu: float  # CPU time with two threads divided by CPU time with one thread
 
 
 @dataclass(frozen=True)
 class EventCost:
-    """Straight line by which the CPU time of a run depends on its number of switching events."""
+    """Straight line that gives the CPU time of a run as a function of its number of switching
+    events."""
 
     events_least: int
     events_most: int
@@ -151,8 +154,8 @@ class BenchResult:
 
 
 # {(case, other tool): required ratio of CPU times}. The ratios were measured on two shared cores.
-# A required ratio is 90 % of the lowest ratio in three runs of `--check`.
-# The limit for the linear analysis is 110 % of the highest value in three runs.
+# A required ratio of CPU times is 90 % of the lowest ratio in three runs of `--check`.
+# The limit for the time of the advice is 110 % of the highest value in three runs.
 LEAST_RATIOS = {
     ("A", "odeint"): 1.77,
     ("B", "odeint"): 1.13,
@@ -204,8 +207,8 @@ class Peers:
         return self._timed(self._library.bench_peer, arguments)
 
     def grow(self, plant: str, size: float, gain: int, setpoint_N: int) -> TimedRun:
-        """Simulates a plant of forceaxis.bench.growth once with odeint. `plant` is "chain" with
-        `size` bodies, or "rattle" with an oscillator of `size` Hz."""
+        """Simulates a plant of forceaxis.bench.growth once with odeint. `plant`: "chain" or
+        "rattle". `size`: number of bodies of the chain, or frequency of the oscillator in Hz."""
         assert self._library is not None
         arguments = (plant.encode(), ctypes.c_double(size), gain, setpoint_N, TICKS)
         done = self._timed(self._library.bench_growth, arguments)
@@ -237,8 +240,8 @@ def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool =
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """Returns {tool: function that simulates a benchmark case once}. This function reads the
-    models, so that only the simulation is measured later."""
+    """Returns {tool: function that simulates a benchmark case once}. The models are read here, so
+    that only the simulation is measured later."""
     case, full = CASES[name], name == "full"
     own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
@@ -247,7 +250,7 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
     }
-    if not full:  # for SciPy, the equations of motion exist only for the cases A and B
+    if not full:  # The equations of motion for SciPy exist only for the benchmark cases A and B.
         every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
@@ -277,7 +280,7 @@ def cases(
         reference = None
         if "reference" not in peers.missing:
             reference = peers.run("reference", CASES[name], name == "full")
-        # {tool: a list for each repetition, with the CPU time of each run}
+        # {tool: CPU times of its runs}, with one list of CPU times for each repetition
         seconds: dict[str, list[list[float]]] = {tool: [] for tool in tool_runs}
         last: dict[str, TimedRun] = {}
         for _ in range(repeat):
@@ -302,7 +305,7 @@ def case_speed(
     last: TimedRun,
     reference: TimedRun | None,
 ) -> CaseSpeed:
-    """Returns speed and accuracy of a tool in a benchmark case.
+    """Returns the speed and the accuracy of one tool in one benchmark case.
 
     turns: a list for each turn, with the CPU time in s of each run. own_turns: the same for
     forceaxis, or None if forceaxis is not measured. last: the last run of the tool.
@@ -441,8 +444,8 @@ def fresh_limit(loop: "Loop") -> "Limit":
 
 
 def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
-    """Measures the CPU times of a frequency response, of a critical gain, and of the table of
-    the advice on a loop. The first two are computed with forceaxis and with python-control.
+    """Measures the CPU times of a frequency response, of a critical gain, and of the table that
+    advises changes of a force loop. The first two are also measured with python-control.
 
     Both tools use the same matrices. The frequency response has 10,000 frequencies, and its time
     includes the transformation of the matrices to Hessenberg form. forceaxis computes the critical
@@ -500,8 +503,8 @@ def run(
     with_sweeps: bool,
     with_linear: bool = False,
 ) -> BenchResult:
-    """Runs the benchmark for some cases and tools. Does not compare the speeds with the required
-    speeds."""
+    """Runs the benchmark for some cases and tools. The measured speeds are not compared with the
+    required speeds here."""
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
     steps += with_linear and 1 + len(ADVICE_MODELS)
@@ -523,7 +526,8 @@ def run(
 
 
 def check(result: BenchResult) -> list[Requirement]:
-    """Returns the requirements of the benchmark with the measured values.
+    """Compares the measured values of the benchmark with its requirements. Returns the
+    requirements.
 
     All required speeds are ratios of CPU times that one run of the benchmark has measured. A
     quantity that was not measured does not meet its requirement. MuJoCo has a requirement only if
@@ -568,11 +572,11 @@ def ratio(a: float | None, b: float | None) -> float | None:
 
 
 def linear_checks(rows: Iterable[AnalysisSpeed]) -> list[Requirement]:
-    """Returns the requirements on the CPU times of the linear analysis. The time for the table of
-    the advice on a loop is compared with the time that python-control needs for one critical
+    """Returns the requirements on the CPU times of the linear analysis. The time for the table that
+    advises changes of a loop is compared with the time that python-control needs for one critical
     gain of the same model."""
     checks = []
-    # CPU time of python-control in the last row in which it was measured
+    # CPU time of python-control for the last computation that it was able to do
     control_seconds: float | None = None
     for a in rows:
         if a.control_seconds is None:

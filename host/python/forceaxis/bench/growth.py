@@ -1,5 +1,5 @@
-"""Measures how the CPU time and the peak memory of forceaxis and odeint grow with the number of
-states, of switching events and of runs.
+"""Measures how CPU time and peak memory of forceaxis and odeint grow with the number of states, of
+switching events, or of runs.
 
 States: the plant is a chain of bodies between springs. The motor of the benchmark drives it, and it
 is pressed on a wall for 2 s. Events: the plant is an oscillator that hits a stop in each period and
@@ -40,22 +40,22 @@ from forceaxis.bench.scipy_peer import TimedRun
 from forceaxis.results import from_json, to_json
 
 TOOLS = ("forceaxis", "odeint")
-RUN_TICKS = 225  # number of ticks in each run of the sweep; the touch-down is at tick 190
-# gain of the chain in DAC codes per ADC code, and its force set-point in N
+RUN_TICKS = 225  # number of ticks in each run of the sweep; the first contact is at tick 190
+# force loop of the chain: gain in DAC codes per ADC code, force set-point in N
 GAIN, SETPOINT_N = 4, 59
-# With these values, the motions of the robot are small, and no limit of the motor is reached.
+# This gain and set-point keep the motion of the robot small. No limit of the motor is reached.
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
-# in a model file, the beginning of the tables of the drive, and of the tables after it
+# First lines of the tables of the drive, and of the tables that follow them, in a model file.
 DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")
 
 
 @dataclass(frozen=True)
 class GrowthPlan:
-    """The sizes of tasks for which CPU time and memory are measured."""
+    """The sizes of the tasks for which CPU time and memory are measured."""
 
     # Numbers of bodies of the chain. A chain of n bodies has 2 n + 2 states.
     bodies: Sequence[int] = (2, 5, 11, 20, 29)
-    # frequencies of the oscillator; 0: it is at rest
+    # frequencies of the oscillator in Hz; 0 means that it is at rest
     frequencies_Hz: Sequence[float] = (0, 1, 10, 100, 780)
     # numbers of runs of the sweep, which are powers of 10
     runs: Sequence[int] = (1, 10, 100, 1000, 10_000, 100_000)
@@ -65,7 +65,7 @@ class GrowthPlan:
 class GrowthPoint:
     """CPU time and memory of one tool for one size of a task."""
 
-    growth: str  # quantity that grows: "states", "events" or "runs"
+    growth: str  # quantity that defines the size of the task: "states", "events" or "runs"
     tool: str
     # number of states, number of switching events that forceaxis counts, or number of runs
     size: int
@@ -79,7 +79,7 @@ class GrowthPoint:
 
 @dataclass(frozen=True)
 class Growth:
-    """CPU time and peak memory over states, events and runs."""
+    """CPU time and peak memory as functions of the number of states, events and runs."""
 
     points: list[GrowthPoint]
     missing: dict[str, str]  # {tool: reason why the tool was not measured}
@@ -93,7 +93,7 @@ class Growth:
 
 @dataclass(frozen=True)
 class Job:
-    """The work of one process: one tool measures one size of a task."""
+    """The task of one process: it measures one tool with one size of a task."""
 
     growth: str
     tool: str
@@ -102,8 +102,8 @@ class Job:
 
 
 def drive() -> str:
-    """Returns the tables for motor and encoder from the model file of case A. Names of parameters
-    are replaced by their values."""
+    """Returns the tables for motor and encoder from the model file of benchmark case A. Names of
+    parameters are replaced by their values."""
     text = (paths.SIM / "models" / "axis_contact.toml").read_text()
     values = dict(re.findall(r"^(\w+) = \{ value = ([^,]+),", text, re.MULTILINE))
     first, end = (text.index(key) for key in DRIVE_KEYS)
@@ -144,8 +144,8 @@ def rattle_model(frequency_Hz: float) -> str:
 
 
 def adc(per_count_N: float) -> str:
-    """Returns the text of two tables of a model file: the damper in the guide of the robot, and the
-    ADC channel of the contact force."""
+    """Returns two tables of a model file as text: the damper in the guide of the robot, and the ADC
+    channel of the contact force."""
     return (
         '[[damper]]\nname = "guide"\nbetween = ["robot", "ground"]\ndamping = 500\n'
         f'[[adc]]\nchannel = 0\nsignal = "tip.force"\nper_count = {per_count_N!r}\n'
@@ -154,7 +154,7 @@ def adc(per_count_N: float) -> str:
 
 
 def experiment(model: Path, duration_s: float) -> str:
-    """Returns the text of an experiment file with the force law of case A."""
+    """Returns the text of an experiment file with the force law of benchmark case A."""
     return (
         f'title = "Growth"\nshows = "Growth"\nmodel = "{model}"\nduration_s = {duration_s}\n'
         '[firmware]\nmode = "force"\nforce_zero_code = 128\nforce_gain = 4.0\n'
@@ -163,8 +163,8 @@ def experiment(model: Path, duration_s: float) -> str:
 
 
 def own_plant(text: str, folder: Path) -> _core.BenchCase:
-    """Returns the simulated plant of a model. `text` is the model without the drive, which this
-    function adds. The files are written to `folder`."""
+    """Returns the simulated plant of a model. `text`: the model without the drive, which this
+    function adds. The files of the plant are written to `folder`."""
     model = folder / "model.toml"
     model.write_text(f'title = "Growth"\nshows = "Growth"\n{text}{drive()}')
     file = folder / "experiment.toml"
@@ -228,8 +228,8 @@ def peak_MiB() -> float:
 
 
 def point(job: Job) -> GrowthPoint:
-    """Does a job in this process. The process must not have done another job before, because the
-    peak of the memory would include that job."""
+    """Does a job in this process. It must be the first job of the process, because the peak of the
+    memory would include earlier jobs."""
     start_MiB = peak_MiB()
     events: int | None = None
     with tempfile.TemporaryDirectory(prefix="forceaxis_growth_") as folder:

@@ -34,17 +34,18 @@ SHARE_OF_RAW_MIN, REAL_TIME_MIN = 0.6, 1.0
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Tick rates of the lock-step over one transport, and the message rate of this transport
-    alone."""
+    """Tick rates of plant and firmware in lock-step over one transport, and the message rate of
+    this transport alone."""
 
     link: str  # transport: "lcm" or "socketcan"
     raw_per_s: float  # message exchanges per second between two programs without firmware and plant
     ticks_per_s: float  # ticks per second of the lock-step with one axis
-    share: float  # ticks_per_s divided by raw_per_s
+    # ticks_per_s divided by raw_per_s: rate of the lock-step relative to the transport alone
+    share: float
     real_time: float  # simulated time divided by elapsed time, with one axis
     six_axes_ticks_per_s: float
     six_axes_real_time: float
-    repeated: int  # number of messages that were sent again, in all turns
+    repeated: int  # number of messages that had to be sent again, in all measurements together
     turns: int
 
 
@@ -54,8 +55,8 @@ def _pin_to_one_cpu() -> None:
 
 @contextlib.contextmanager
 def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """Context manager that starts a program on one CPU and waits for its first text line. At the
-    end of the context, the program is ended."""
+    """Context manager that starts a program on one CPU and waits for the first line of its output.
+    At the end of the context, the program is ended."""
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
     )
@@ -159,7 +160,7 @@ def run(turns: int = 5) -> list[LinkRates]:
 
 
 def check(rates: Sequence[LinkRates]) -> list[Requirement]:
-    """Returns the requirements on the message and tick rates of each transport."""
+    """Returns the requirements on the message rate and on the tick rate of each transport."""
     return [
         requirement
         for r in rates

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement of a benchmark, and whether the measured value meets it."""
+    """A requirement of a benchmark, and whether a measured value meets it."""
 
     check: str  # text about the requirement: quantity, bound and measured value
     held: bool

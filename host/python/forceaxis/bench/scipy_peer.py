@@ -1,5 +1,5 @@
-"""The benchmark with SciPy. solve_ivp is called for each tick. At a terminal event, solve_ivp
-stops, and the equations of motion change.
+"""The benchmark case in Python with SciPy. It calls solve_ivp once for each tick. At a terminal
+event, solve_ivp stops, and the equations of motion change.
 
 This module contains the equations of the cases A and B again, independent of the simulator.
 """
@@ -18,7 +18,7 @@ from forceaxis._core import TICKS_PER_SECOND
 State = NDArray[np.float64]
 
 STEP_S = 1 / TICKS_PER_SECOND
-# error tolerance, which is also that of odeint; RK45 and odeint use the same integration formulas
+# error tolerance of the integration with RK45; odeint has the same tolerance and formulas
 TOLERANCE = 1e-4
 R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor, in m/rad
 # stiffness in N/m and damping in N s/m of the force sensor
@@ -36,8 +36,8 @@ class TimedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class Guard:
-    """An event for solve_ivp. When the value of `function` falls below 0, the nonlinear element
-    `element` enters the state `region`."""
+    """An event for solve_ivp: the value of `function` falls below 0. At the event, the nonlinear
+    element `element` enters the linear region `region`."""
 
     terminal: ClassVar = True
     direction: ClassVar = -1
@@ -90,8 +90,8 @@ class _Plant:
         )
 
     def enter(self, x: State) -> None:
-        """Sets the linear regions of the current feedback and of the amplifier after the command
-        has changed. x: state of the plant."""
+        """Sets the linear regions of the current feedback and of the amplifier after a change of
+        the command. x: state of the plant."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
@@ -122,8 +122,8 @@ class _Plant:
         return guards
 
     def cross(self, element: str, into: int | str, x: State) -> None:
-        """Sets the region of a nonlinear element after an event. x: state of the plant at this
-        event."""
+        """Sets the linear region of a nonlinear element after an event. x: state of the plant at
+        this event."""
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":

@@ -1,1 +1,2 @@
-"""Reads image files of the firmware, writes them to chips, and runs them on an emulator."""
+"""Functions that read image files of the firmware, write them to chips, and run them on an
+emulator."""

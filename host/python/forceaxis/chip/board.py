@@ -60,7 +60,7 @@ if typing.TYPE_CHECKING:
 
     from forceaxis.toml import TomlValue
 
-    # Kind is the type of a field. Field contains all values that a field can have.
+    # Kind: type of a type expression of a field. Field: union of all values that a field may have.
     Kind = type | types.GenericAlias | types.UnionType
     Field = str | int | range | list["Field"] | dict[str, "Field"] | DataclassInstance | Path | None
 
@@ -96,7 +96,7 @@ class Memory:
 
     flash: range
     sectors: list[int]
-    parameters: range  # addresses of the parameter store in the flash memory
+    parameters: range  # address range of the parameter store in the flash memory
     ram: range
 
 
@@ -114,8 +114,7 @@ class Slots:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits for the released image: the largest instruction counts and memory sizes that are
-    permitted."""
+    """Limits for the released image: largest permitted instruction counts and memory sizes."""
 
     interrupt_instructions: int
     adc_to_dac_instructions: int
@@ -152,7 +151,7 @@ class EmulatedImage:
 @dataclass(frozen=True)
 class ProbeOptions:
     """Bits of chip registers, such as option bytes, that flashing sets and then reads back. Each
-    item of `settings` is a list [address, mask, value]. `writing` is one such list."""
+    item of `settings` is a list [address, mask, value]. `writing` is one such item."""
 
     title: str
     settings: list[list[int]]
@@ -185,8 +184,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Registers:
-    """The register descriptions of the chip vendor, and the register names in which these
-    descriptions differ from the firmware."""
+    """The register descriptions of the chip vendor. Also the registers whose names differ between
+    these descriptions and the firmware."""
 
     header: str
     package: str
@@ -225,7 +224,8 @@ class BoardError(ValueError):
 def _read_value(where: str, value: "TomlValue", kind: "Kind") -> "Field":
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
     different type."""
-    # An optional table or list has this type. The file contains it here.
+    # An optional table or list has a type such as `Table | None`.
+    # If the file contains it, the first type of the union applies.
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
@@ -259,8 +259,8 @@ def _table(where: str, value: "TomlValue") -> dict[str, "TomlValue"]:
 
 
 def _read_table(where: str, value: "TomlValue", kind: type[D], given: Mapping[str, "Field"]) -> D:
-    """Returns a table of board.toml as the dataclass `kind`. `given`: {name: value} of the fields
-    that are not in the file."""
+    """Returns a table of board.toml as an object of the dataclass `kind`. `given`: {name: value} of
+    those fields of the object that are not in the file."""
     table = _table(where, value)
     fields = dict(given)
     kinds: dict[str, Kind] = {
@@ -299,8 +299,8 @@ def read(folder: Path | str) -> Board:
 
 
 def source(ports: Path, folder: Path, name: str) -> Path:
-    """Returns the path of a source file that board.toml in `folder` names. `ports` is the folder
-    with the source files that several boards use."""
+    """Returns the path of a source file that board.toml in `folder` names. `ports`: folder with the
+    source files that several boards use."""
     path = folder / name
     return path if path.is_file() else ports / name
 

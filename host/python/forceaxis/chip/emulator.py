@@ -49,8 +49,8 @@ def command(
     arguments: Iterable[str | Path] = (),
     **lines: str,
 ) -> list[str]:
-    """Returns the command line that starts the emulator with an image. `options` are options for
-    QEMU. `arguments` are the command line arguments for the program in the image.
+    """Returns the command line that starts the emulator with a firmware image. `options`: options
+    for QEMU. `arguments`: command line arguments for the program in the image.
 
     lines: options of QEMU for the serial lines `modbus` and `can`. QEMU has no chip with CAN, so
     the line `can` transmits each CAN frame as a record: {identifier u16, length u8, remote u8, data
@@ -79,7 +79,8 @@ def command(
 
 
 class Emulator:
-    """An emulated board, which starts with power-up. tools/image must have built its image.
+    """An emulated board. The creation of the object powers the board up. tools/image must have
+    built the firmware image before.
 
     The clock of the emulator counts instructions, so that equal runs have equal results. `pipes`
     are two file descriptors, for data to the board and from the board. Raises the errors of
@@ -104,7 +105,7 @@ class Emulator:
         for name in names:
             os.mkfifo(name)
         # With O_RDWR or O_NONBLOCK, os.open() does not wait until the other program opens the pipe.
-        # If the other program closes the pipe, no error occurs either.
+        # With these flags, no error occurs either if the other program closes the pipe.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)

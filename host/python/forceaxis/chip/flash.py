@@ -50,8 +50,8 @@ class FlashError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """Describes how an image will be written to a board: the image, the flash sectors that are
-    overwritten, and whether the parameter store is kept."""
+    """Plan for writing an image to a board: the image, the flash sectors that are overwritten, and
+    whether the parameter store is kept."""
 
     board: boards.Board
     probe: boards.Probe
@@ -133,7 +133,7 @@ def plan(
             f"parameters, {span(parameters)}{hint}",
         )
     # openocd reads the path in the language Tcl, between braces.
-    # Between braces, characters other than these have no special meaning.
+    # Between braces, Tcl gives a meaning only to braces, backslashes and control characters.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(
             "expected a file name without the characters { } \\ and without control characters, "
@@ -187,8 +187,8 @@ def span(addresses: range) -> str:
 
 @dataclass(frozen=True)
 class FlashSummary:
-    """The result of writing an image, or the plan for it. `probe` and `chip` are None before the
-    image was written."""
+    """The result of writing an image to a board, or the plan for it. `probe` and `chip` are None as
+    long as the image is not written."""
 
     version: str
     git: str
@@ -238,7 +238,7 @@ def command(plan: Plan) -> list[str]:
         parameters = plan.board.memory.parameters
         steps.append(f"flash erase_address {parameters.start:#010x} {len(parameters):#x}")
     if slots:
-        # Otherwise the loader would start a newer image in the other slot instead of this image.
+        # Without this erase, the loader would start the image in the other slot if it is newer.
         steps.append(f"flash erase_address {slots.addresses[1]:#010x} {slots.bytes:#x}")
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     if options:
@@ -277,7 +277,7 @@ def options_step(options: boards.ProbeOptions, settings: Sequence[Sequence[int]]
     if options.load is None:
         writes += [f"mww {control:#x} [expr {{[mrw {control:#x}] | {options.lock:#x}}}]"]
     else:
-        # this write resets the chip, so openocd may report an error, which is ignored
+        # the write to this register resets the chip; an error that openocd then reports is ignored
         writes += [f"catch {{mww {control:#x} {options.load:#x}}}", "sleep 100", "reset init"]
     return f"if {{{' || '.join(differs)}}} {{{'; '.join(writes)}}}"
 

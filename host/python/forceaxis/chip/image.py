@@ -47,9 +47,9 @@ class Image(NamedTuple):
 
     path: Path
     kind: str  # file format: "elf", "hex" or "bin"
-    address: int | None  # start address of a .bin file; None for .elf and .hex files
+    address: int | None  # start address of a .bin file; None for a file of another format
     # Segments in ascending order of their addresses.
-    # Between two segments there are addresses for which the image has no bytes.
+    # For addresses between two segments, the image has no bytes.
     segments: tuple[Segment, ...]
 
     @property
@@ -96,7 +96,8 @@ def load(path: Path | str, address: int | None = None) -> Image:
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
-        if data.startswith(b"\x7fELF"):  # openocd would read such a .bin file as an ELF file.
+        # openocd would read a .bin file that begins with these bytes as an ELF file.
+        if data.startswith(b"\x7fELF"):
             raise InputError(
                 f"{path}: expected a binary image, got an ELF file; rename the file to .elf"
             )
@@ -109,7 +110,7 @@ def load(path: Path | str, address: int | None = None) -> Image:
 
 
 def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
-    """Returns the segments in ascending order of addresses, with adjacent segments joined. Raises
+    """Joins adjacent segments, and returns the segments in ascending order of addresses. Raises
     InputError if two segments contain the same address."""
     runs: list[list[Segment]] = []
     for s in sorted(segments):
@@ -177,14 +178,14 @@ class HexRecord(NamedTuple):
 
 
 DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
-# Types of the records that state a start address.
-# The start address in these records is ignored, because the vector table also contains it.
+# Types of the records in an Intel HEX file that state a start address.
+# These start addresses are ignored, because the vector table of the chip contains it too.
 START_RECORDS = (3, 5)
 
 
 def hex_record(where: str, line: bytes) -> HexRecord:
     """Decodes a text line of an Intel HEX file. The line is a record of the form :nnaaaattdd..cc.
-    Raises InputError with a text that begins with `where`."""
+    Raises InputError for a wrong line, with a text that begins with `where`."""
     try:
         record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
     except ValueError:
@@ -245,9 +246,9 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # The identity of newer firmware may be longer, because fields were appended.
-            # The magic number may also occur in machine code.
-            # Machine code has no valid size after the magic number.
+            # The identity in newer firmware may be longer, because fields were appended to it.
+            # The magic number of an identity may also occur by chance in machine code.
+            # Machine code has no valid size of an identity after the magic number.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:

@@ -21,7 +21,8 @@ FILE_HEAD = struct.Struct("<4sI4I32s8x")
 HEAD = struct.Struct("<4s5I16s16sII")
 HEAD_MAGIC = b"FAXU"
 HEAD_CRC_OFFSET = HEAD.size - 4
-TRAILER = struct.Struct("<16I")  # layout of the trailer, as in firmware/storage/slots.h
+# layout of the trailer of a firmware image, as in firmware/storage/slots.h
+TRAILER = struct.Struct("<16I")
 TRAILER_MAGIC, BLANK = 0x31544146, 0xFFFFFFFF
 
 
@@ -31,8 +32,8 @@ class UpdateFileError(ValueError):
 
 @dataclass(frozen=True)
 class UpdateRecord:
-    """One firmware image of an update file, and the values of its head. `table` is the hash of the
-    object table. `address` is the first address of the slot for which the image is linked."""
+    """One firmware image of an update file, and the values of its head. `table`: hash of the object
+    table. `address`: first address of the slot for which the image is linked."""
 
     address: int
     crc: int
@@ -42,8 +43,8 @@ class UpdateRecord:
     image: bytes
 
     def download(self, replaced_table: int) -> bytes:
-        """Returns the bytes that an axis receives: head and firmware image. `replaced_table`: hash
-        of the object table that the axis now has."""
+        """Returns the bytes that an axis receives in an update: head and firmware image.
+        `replaced_table`: hash of the object table of the firmware that the axis has now."""
         head = HEAD.pack(
             HEAD_MAGIC, self.address, len(self.image), self.crc, self.table, replaced_table,
             self.board.encode(), self.version.encode(), BLANK, 0,
@@ -57,8 +58,9 @@ def record(address: int, image: bytes, table: int, board: str, version: str) -> 
 
 
 def trailer(image: bytes) -> bytes:
-    """Returns the trailer for an image that a debug probe writes to the flash memory. With this
-    trailer, the image is confirmed and has the sequence number 1, as the first image of a chip."""
+    """Returns the trailer for an image that a debug probe writes to the flash memory. The trailer
+    marks the image as confirmed, and gives it the sequence number 1, that of the first image of a
+    chip."""
     words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
     return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))
 
@@ -73,8 +75,8 @@ def write(records: Sequence[UpdateRecord]) -> bytes:
 
 
 def read(path: Path) -> list[UpdateRecord]:
-    """Returns both records of an update file. Raises UpdateFileError if the file is not an update
-    file or is damaged."""
+    """Returns both records of an update file. Raises UpdateFileError if the file has another format
+    or is damaged."""
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -14,11 +14,12 @@ from forceaxis._core import FIRMWARE_VERSION, TICKS_PER_SECOND
 from forceaxis._results import UnitVariable
 
 Version = Literal["2.0", "3.0"]
-LIBRARY = "forceaxis_fmu"  # file name of the library, without suffix
+# file name of the compiled library of a co-simulation unit, without suffix
+LIBRARY = "forceaxis_fmu"
 STEP_S = 1 / TICKS_PER_SECOND
-STOP_S = 10.0  # end time in s that an importer of the unit proposes for a simulation
+STOP_S = 10.0  # end time in s that modelDescription.xml proposes for a simulation
 
-# {symbol in the units of models and objects: exponents of the SI base units}
+# {symbol of a unit in models and objects: exponents of the SI base units}
 SYMBOLS = {
     "kg": {"kg": 1},
     "m": {"m": 1},
@@ -43,7 +44,8 @@ FACTORS = {"mN": 1e-3, "uN": 1e-6, "ms": 1e-3, "us": 1e-6, "tick": STEP_S}
 
 @dataclass(frozen=True)
 class Variable(UnitVariable):
-    """A variable of a unit, and what modelDescription.xml states about it."""
+    """A variable of a co-simulation unit, with the properties that modelDescription.xml states
+    about it."""
 
     @property
     def has_start(self) -> bool:
@@ -58,14 +60,14 @@ class Variable(UnitVariable):
     @property
     def variability(self) -> str:
         """The variability of the variable in FMI. A quantity of the plant is continuous. Integers
-        and values of the firmware change only at ticks."""
+        and values of the firmware are discrete, because they change only at ticks."""
         if self.role in ("fixed", "tunable"):
             return self.role
         in_plant = not self.name.startswith(("axis.", "law.", "recorder.", "drive."))
         return "continuous" if self.type == "real" and in_plant else "discrete"
 
     def start_text(self) -> str:
-        """The start value as text for XML."""
+        """The start value of the variable as text for XML."""
         if self.type == "boolean":
             return str(bool(self.start)).lower()
         return repr(self.start) if self.type == "real" else str(int(self.start))
@@ -73,11 +75,11 @@ class Variable(UnitVariable):
 
 @dataclass(frozen=True)
 class About:
-    """The facts about a whole unit that modelDescription.xml states."""
+    """Properties of a whole co-simulation unit that modelDescription.xml states."""
 
     name: str  # name of the model of the unit
     description: str
-    token: str  # text that identifies the files of one unit
+    token: str  # identifier of the unit, which is in modelDescription.xml and in the resources
 
 
 def base_unit(unit: str) -> dict[str, str] | None:
@@ -101,7 +103,7 @@ def base_unit(unit: str) -> dict[str, str] | None:
 
 
 def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
-    """Returns the content of modelDescription.xml."""
+    """Returns the content of modelDescription.xml of a co-simulation unit."""
     write = _Fmi3() if version == "3.0" else _Fmi2()
     root = ET.Element("fmiModelDescription", fmiVersion=version, modelName=about.name)
     root.set("guid" if version == "2.0" else "instantiationToken", about.token)
@@ -120,7 +122,7 @@ def xml(version: Version, about: About, variables: Sequence[Variable]) -> bytes:
     listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         if variable.role == "independent" and version == "2.0":
-            # Some importers of FMI 2.0 do not accept the time as a variable.
+            # Some importers of FMI 2.0 do not accept the time as a variable of the unit.
             continue
         write.variable(listed, reference, variable)
     write.structure(root, [i for i, v in enumerate(variables) if v.role == "output"])
@@ -152,8 +154,8 @@ def _common(variable: Variable, reference: int) -> dict[str, str]:
 
 
 class _Fmi2:
-    """FMI 2.0. A variable is an element Real, Integer or Boolean. The structure refers to a
-    variable by its position from 1 on."""
+    """Format of FMI 2.0. A variable is an element Real, Integer or Boolean. The element
+    ModelStructure refers to a variable by its position, from 1 on."""
 
     capabilities = {  # noqa: RUF012
         "canHandleVariableCommunicationStepSize": "false",
@@ -177,7 +179,8 @@ class _Fmi2:
     def start_text(self, variable: Variable) -> str:
         if variable.type != "uint32" or variable.start < 1 << 31:
             return variable.start_text()
-        return str(int(variable.start) - (1 << 32))  # the signed integer with the same 32 bits
+        # FMI 2.0 has no unsigned integer: this signed integer has the same 32 bits
+        return str(int(variable.start) - (1 << 32))
 
     def structure(self, root: ET.Element, outputs: Sequence[int]) -> None:
         structure = ET.SubElement(root, "ModelStructure")
@@ -188,7 +191,8 @@ class _Fmi2:
 
 
 class _Fmi3:
-    """FMI 3.0. Each type has an element of its own. The structure refers to value references."""
+    """Format of FMI 3.0. Each type of a variable has an XML element of its own. The element
+    ModelStructure refers to variables by their value references."""
 
     capabilities = {  # noqa: RUF012
         "canHandleVariableCommunicationStepSize": "false",

@@ -19,22 +19,25 @@ from forceaxis.fmu.description import About, Variable, Version
 from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
-# {version of FMI: {machine: folder}}; other machines: MACHINE-linux
+# {version of FMI: {machine: folder of the library}}; other machines: folder MACHINE-linux
 LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}
-# Objects of these parts are variables of a unit. All other objects concern buses and boards.
+# Parts of the object table whose objects are variables of a unit.
+# The objects of all other parts concern buses and boards.
 PARTS = ("axis", "law", "recorder", "drive")
-NODE_ID = 1  # node id of the firmware in a unit, which is on no bus
-WRITTEN = (1980, 1, 1, 0, 0, 0)  # date of all files, so that equal units have equal bytes
+NODE_ID = 1  # node id of the firmware in a co-simulation unit, which has no bus
+# date of all files in the ZIP file, so that equal units have equal bytes
+WRITTEN = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
 class Written:
-    """Description of a unit that was written."""
+    """Description of a co-simulation unit (FMU) that was written."""
 
     file: Path
     version: str  # version of FMI
-    kind: str  # kind of the unit: "plant" or "firmware"
-    source: str  # file of the model, experiment or parameters; "" for default values
+    kind: str  # kind of the co-simulation unit: "plant" or "firmware"
+    # file of the model, experiment or parameters from which the unit was made; "" for defaults
+    source: str
     inputs: int
     outputs: int
     parameters: int
@@ -43,13 +46,13 @@ class Written:
 def write_plant(
     source: Path, overrides: Mapping[str, float | str], version: Version, out: Path
 ) -> Written:
-    """Writes the unit of the plant of a model. If `source` is an experiment, the unit has its
-    model, its values and its seed. `overrides`: new values of parameters of the model. Raises
-    InputError and OSError."""
+    """Writes the co-simulation unit of the plant of a model. If `source` is an experiment, the unit
+    has its model, its values and its seed. `overrides`: new values of parameters of the model.
+    Raises InputError and OSError."""
     model, values, seed = source, dict(overrides), 0
     content = toml.read(source)
     if "model" in content:
-        _core.inputs(source)  # raises InputError if the experiment has errors
+        _core.inputs(source)  # raises InputError if the experiment file has errors
         model = source.parent / str(content["model"])
         values = dict(content.get("set", {})) | values
         seed = int(content.get("seed", 0))
@@ -58,7 +61,7 @@ def write_plant(
     shared = content.get("parameters_file")
     if isinstance(shared, str) and (model.parent / shared).is_file():
         resources[shared] = (model.parent / shared).read_bytes()
-    _core.Plant(model, values)  # raises InputError with the name of the user's file
+    _core.Plant(model, values)  # raises InputError that names the file of the user
     facts = {"kind": "plant", "model": model.name, "seed": seed, "set": values}
     title = str(content.get("title", model.stem))
     return _write(facts, resources, source, title, version, out)
@@ -71,10 +74,10 @@ def write_firmware(
     version: Version,
     out: Path,
 ) -> Written:
-    """Writes the unit of the firmware. If `source` is an experiment, the firmware has its objects,
-    events and program. If it is a parameter file, the firmware has these parameters. If it is None,
-    the objects have their defaults. `inputs`: names of objects that are inputs of the unit. Raises
-    InputError and OSError."""
+    """Writes the co-simulation unit of the firmware. If `source` is an experiment, the firmware has
+    its objects, events and cycle program. If it is a parameter file, the firmware has these
+    parameters. If it is None, the objects have their defaults. `inputs`: names of objects that are
+    inputs of the unit. Raises InputError and OSError."""
     for name in inputs:
         _expect_input(name)
     facts: dict[str, Any] = {
@@ -156,14 +159,15 @@ def _write(
 def _token(
     version: Version, facts: Mapping[str, Any], resources: Mapping[str, bytes], library: bytes
 ) -> str:
-    """Returns a hash of all contents of a unit."""
+    """Returns a hash of all contents of a co-simulation unit."""
     content = [version.encode(), toml.write_text(facts).encode(), library]
     content += [part for name, data in sorted(resources.items()) for part in (name.encode(), data)]
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in content)).hexdigest()
 
 
 def _variables(resources: Mapping[str, bytes]) -> list[Variable]:
-    """Returns the variables of the unit that the library makes from the resources `resources`."""
+    """Returns the variables of the co-simulation unit that the library makes from the resources
+    `resources`."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in resources.items():
             (Path(folder) / name).write_bytes(content)

@@ -1,2 +1,2 @@
-"""The thesis: its stability tables, figures, quoted numbers and laboratory session. All of them are
-computed again with models of its plants."""
+"""Computes the stability tables, figures and quoted numbers of the thesis again, with models of its
+plants. Also repeats its laboratory session."""

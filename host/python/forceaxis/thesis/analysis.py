@@ -1,5 +1,5 @@
-"""Values of the models of the thesis, with which its numbers and statements are compared. They are
-limits, poles and zeros, phases, resonances, and the verdicts of runs."""
+"""Values of the models of the thesis, which are compared with numbers and statements of the thesis.
+They are critical gains, poles and zeros, phases, resonances, and verdicts of runs."""
 
 import functools
 import math
@@ -21,9 +21,9 @@ Numbers = NDArray[np.float64]
 
 STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
-# A pole with a larger damping ratio does not count as a resonance.
+# A pole with a larger damping ratio than this does not count as a resonance.
 LIGHT = 0.3
-# A pole is near its zero up to this distance, as a share of the pole's frequency.
+# A pole counts as near a zero up to this distance, relative to the frequency of the pole.
 NEAR = 0.2
 
 
@@ -68,7 +68,7 @@ def parameter(model: str, name: str) -> float:
 
 
 def printed(name: str) -> float:
-    """Returns a parameter of the thesis, as sim/models/thesis.toml has it."""
+    """Returns the value that the file sim/models/thesis.toml has for a parameter of the thesis."""
     return float(tables.parameters()[name].value)
 
 
@@ -101,8 +101,8 @@ def pole(
 def resonances_hz(
     model: str, overrides: linear.Overrides | None = None, drive: bool = True
 ) -> list[float]:
-    """Returns the frequencies in Hz of those pole pairs of a model without contact whose damping
-    ratio is below LIGHT, in ascending order. A pair at frequency 0 is not included."""
+    """Returns the frequencies in Hz of the lightly damped pole pairs of a model without contact, in
+    ascending order. Their damping ratio is below LIGHT. A pair at frequency 0 is not included."""
     system = linear.linearise(model, outputs=(), overrides=overrides, free=True, drive=drive)
     poles = system.poles()
     light = (poles.imag > 1.0) & (-poles.real < LIGHT * abs(poles))
@@ -110,8 +110,9 @@ def resonances_hz(
 
 
 def spacing(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> float:
-    """Returns the distance between a pole and a zero of the force response, as a share of the
-    pole's frequency. The pole and the zero are those nearest to `pole_hz` and `zero_hz`."""
+    """Returns the distance between a pole and a zero of the force response, divided by the
+    frequency of the pole. They are the pole nearest to `pole_hz` and the zero nearest to
+    `zero_hz`."""
     system = linear.linearise(model, overrides=overrides)
     at = nearest(system.poles(), pole_hz)
     return abs(at - nearest(system.zeros(), zero_hz)) / abs(at)
@@ -124,8 +125,8 @@ def near(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> str:
 
 
 def added(model: str, without: str, **overrides: float) -> str:
-    """Returns a text about how many more poles and zeros the force response of `model` has than
-    that of `without`."""
+    """Returns a text about the numbers of poles and zeros that the force response of `model` has in
+    addition to those of `without`."""
     more, less = linear.linearise(model, overrides=overrides), linear.linearise(without)
     poles = len(more.poles()) - len(less.poles())
     return f"{poles} and {len(more.zeros()) - len(less.zeros())}"
@@ -158,7 +159,7 @@ def phase_deg(found: Response) -> Numbers:
 
 def passed_180(model: str, drive: bool = True) -> str:
     """Returns a text that states whether the phase of the force response falls below -180 degrees
-    up to 500 Hz."""
+    at frequencies up to 500 Hz."""
     f = np.geomspace(0.1, 500.0, 20001)
     least = phase_deg(response(model, "reading", f, drive=drive)).min()
     word = "past" if least < -180 else "never past"
@@ -169,17 +170,17 @@ def added_phase_deg(
     model: str, without: str, drive: bool = True, span_hz: tuple[float, float] = (5.0, 400.0),
     **overrides: float,
 ) -> Numbers:  # fmt: skip
-    """Returns the phase in degrees of the force response of `model`, minus that of `without`, over
-    the frequencies `span_hz`."""
+    """Returns the phase of the force response of `model` minus that of `without`, in degrees, at
+    frequencies in the range `span_hz`."""
     f = np.geomspace(*span_hz, 20001)
     with_it = response(model, "reading", f, overrides=overrides, drive=drive)
     return phase_deg(with_it / response(without, "reading", f, drive=drive))
 
 
 def turns(model: str, without: str, **overrides: float) -> str:
-    """Returns a text about how a mode turns the phase of the force response with a perfect
-    actuator, such as "lag, then lead" or "lead". The text has the largest lag and lead in
-    degrees."""
+    """Returns a text that describes how a mode of vibration shifts the phase of the force response
+    with a perfect actuator, such as "lag, then lead" or "lead". The text also has the largest lag
+    and lead in degrees."""
     change = added_phase_deg(model, without, drive=False, span_hz=(8.0, 60.0), **overrides)
     found = {"lag": (-change.min(), change.argmin()), "lead": (change.max(), change.argmax())}
     largest = max(turn for turn, _ in found.values())
@@ -190,9 +191,8 @@ def turns(model: str, without: str, **overrides: float) -> str:
 
 
 def prominence_db(model: str, output: str, free: bool, span_hz: tuple[float, float]) -> float:
-    """Returns by how many dB the highest peak of a frequency response stands out from its
-    surroundings. The peak is between the two frequencies `span_hz`. Returns 0 if there is no
-    peak."""
+    """Returns the height in dB of the highest peak of a frequency response above its surroundings,
+    between the two frequencies `span_hz`. Returns 0 if there is no peak."""
     f = np.geomspace(5.0, 200.0, 20001)
     size_db = 20 * np.log10(abs(response(model, output, f, free=free)))
     peaks, found = signal.find_peaks(size_db, prominence=0)
@@ -207,17 +207,18 @@ def label(model: str, number: int) -> str:
 
 
 def sampled_part(model: str, ticks: float) -> float:
-    """Returns the critical gain of a sampled force loop as a share of that in continuous time. The
-    sampling rate is `ticks` times the crossover frequency in continuous time."""
+    """Returns the critical gain of a sampled force loop divided by that of the loop in continuous
+    time. The sampling rate is `ticks` times the crossover frequency of the loop in continuous
+    time."""
     spec = loops.LoopSpec(timing="zoh", tick_s=1 / (ticks * crossing_hz(model)))
     found = spec.around(model).limit().gain
     return (math.inf if found is None else found) / critical_gain(model)
 
 
 def crossing_root(model: str) -> str:
-    """Returns a text about the root that first crosses the imaginary axis as the gain rises. It
-    names the kind and frequency of the pole where the root starts: "workpiece" from about 40 to 45
-    Hz."""
+    """Returns a text about the branch of the root locus that first crosses the imaginary axis as
+    the gain rises. It names the kind and frequency of the pole at which the branch starts:
+    "workpiece" for a pole at about 40 to 45 Hz."""
     loop = loops.force_loop(model, timing="continuous")
     highest = critical_gain(model)
     branches = loop.locus(np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 800) * highest]))
@@ -235,13 +236,13 @@ def cells() -> list[tables.CellResult]:
 
 
 def column(test: str, workpiece: str) -> list[tables.CellResult]:
-    """Returns the cells of one column of the stability table of Fig 5.10."""
+    """Returns the cells of one column of the stability table in Fig 5.10 of the thesis."""
     return [c for c in cells() if (c.figure, c.test, c.workpiece) == ("5.10", test, workpiece)]
 
 
 def highest_stable(test: str, workpiece: str) -> float:
-    """Returns the highest gain at which the simulated run is stable, in one column of the stability
-    table of Fig 5.10."""
+    """Returns the highest gain with a stable simulated run in one column of the stability table in
+    Fig 5.10 of the thesis."""
     return float(max(c.force_gain for c in column(test, workpiece) if c.ours == "stable"))
 
 
@@ -251,8 +252,8 @@ def matching(figure: str) -> int:
 
 
 def cell(figure: str) -> str:
-    """Returns the verdict of the simulated run for a stability table of the thesis with only one
-    cell, such as Fig 5.2. `figure`: number of the figure with this table."""
+    """Returns the verdict of the simulated run for a stability table of the thesis with a single
+    cell. `figure`: number of the figure with this table, such as 5.2."""
     return next(c.ours for c in cells() if c.figure == figure)
 
 

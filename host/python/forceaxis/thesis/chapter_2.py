@@ -36,11 +36,13 @@ from forceaxis.thesis.analysis import (
 )
 from forceaxis.thesis.claim import Claim, compared, stated
 
-BASE_DAMPING = (2000.0, 9500.0, 38000.0)  # damping of the base in Figs 2.17 to 2.20, in N s/m
+# damping of base A in Figs 2.17 to 2.20 of the thesis, in N s/m
+BASE_DAMPING = (2000.0, 9500.0, 38000.0)
 LIGHT_BASE = {"b_b": BASE_DAMPING[0]}
-# Damping of the arm in N s/m: of the lightly damped arm of Fig 2.42, and of the arm of Fig 4.26.
+# Damping in N s/m of the lightly damped arm of Fig 2.42, and of the arm of Fig 4.26.
 LIGHT_ARM, PRINTED_ARM = 60.0, 640.0
-# Gains of runs with contact loss, as shares of the linear limit. GAPS has their initial gaps in m.
+# Gains of the runs with contact loss, relative to the critical gain of the linear model.
+# GAPS has the initial distances between robot and workpiece of these runs, in m.
 ABOVE, BELOW, FAR_BELOW = (1.04, 1.2, 1.5), (0.84, 0.88, 0.92), (0.5, 0.6, 0.7)
 GAPS = (0.0, 3e-4, 1e-3, 5e-3, 2e-2)
 STIFF_GRIP = {"k_g": 1e7}
@@ -66,8 +68,8 @@ def rigid_roots(k_f: float, output: str = "reading") -> np.ndarray:
 
 
 def stiffness_ratio(k_f: float) -> float:
-    """Returns the product of the closed-loop poles of the rigid robot, divided by this product
-    without feedback. The product of the poles is the stiffness divided by the mass."""
+    """Returns the product of the closed-loop poles of the rigid robot, divided by the product of
+    its open-loop poles. The product of the poles is stiffness divided by mass."""
     return float(np.real(np.prod(rigid_roots(k_f)) / np.prod(rigid_roots(0.0))))
 
 
@@ -100,7 +102,8 @@ def base_damping_ratios() -> list[tuple[float, float]]:
 
 
 def rising(values: list[tuple[float, float]]) -> str:
-    """Returns a text that states whether both columns of a table rise, with the first column."""
+    """Returns a text that states whether the values in both columns of a table rise. The text also
+    lists the values of the first column."""
     rises = bool((np.diff(np.array(values), axis=0) > 0).all())
     return stated(rises, "rise", ", ".join(f"{first:.3g}" for first, _ in values))
 
@@ -148,7 +151,8 @@ def tip_zeros_phase() -> str:
 
 
 def tip_zeros_gain() -> float:
-    """Returns the factor of the amplitude at the fourth mode that comes from the tip's zeros."""
+    """Returns the factor by which the zeros of the beam's tip raise its amplitude at the fourth
+    mode of vibration."""
     w = figures.BEAM.natural_frequencies(4)[-1]
     return float(abs(np.prod(1 - 1j * w / figures.BEAM.tip_zeros(4))))
 
@@ -175,7 +179,7 @@ def lumped_tip() -> str:
 
 
 def workpiece_spacings() -> str:
-    """Returns a text that states whether damping brings the poles of the workpiece nearer to its
+    """Returns a text that states whether damping moves the poles of the workpiece nearer to its
     zeros."""
     parts = []
     for b_w in (parameter("fig2_26", "b_w"), 363.0):
@@ -197,8 +201,8 @@ def workpiece_damping_rises() -> str:
 
 
 def real_part_ratio() -> float:
-    """Returns the real part of the poles of a workpiece with four times the stiffness, divided by
-    that of the original workpiece. Both have the original damping."""
+    """Returns the real part of the poles of a workpiece with four times the original stiffness,
+    divided by that of the original workpiece. Both have the original damping."""
     parts = []
     for times, hz in ((4, 82.0), (1, 45.0)):
         k_w = times * parameter("fig2_26", "k_w")
@@ -208,8 +212,8 @@ def real_part_ratio() -> float:
 
 
 def dampers() -> str:
-    """Returns a text with the dampers of Fig 2.35 in ascending order. The first name is that of the
-    smallest damper."""
+    """Returns a text that lists the dampers of Fig 2.35 by their names, from the smallest to the
+    largest damping."""
     names = {"grip": "b_g", "sensor": "b_s", "workpiece": "b_w", "robot": "b_r"}
     values = {part: parameter("fig2_35", name) for part, name in names.items()}
     order = sorted(values, key=lambda part: values[part])
@@ -237,8 +241,9 @@ def base_lag_ratio() -> str:
 
 
 def slow_sampling() -> str:
-    """Returns a text that states whether half of the continuous-time limit is unstable at a low
-    sampling rate. This rate is twice the frequency at which the loop becomes unstable."""
+    """Returns a text that states whether a loop with half of the critical gain in continuous time
+    is unstable at a low sampling rate. This rate is twice the frequency at which the loop in
+    continuous time becomes unstable."""
     part = sampled_part("fig4_11", 2)
     return stated(part < 0.5, "unstable", f"the limit is {part:.2g} of that in continuous time")
 
@@ -251,7 +256,8 @@ def crossing_ratio(model: str, without: str, **overrides: float) -> float:
 
 def cycles(b_rf: float, parts: tuple[float, ...]) -> np.ndarray:
     """Returns an array that is True for each run of the flexible robot with contact that ends in a
-    limit cycle. Rows are gains as shares of the linear limit, and columns are initial gaps."""
+    limit cycle. Rows are gains relative to the critical gain of the linear model. Columns are
+    initial gaps."""
     largest, _ = nonlinear.flexible_robot(b_rf)
     found = verdicts(
         "fig2_43_settles",
@@ -265,14 +271,16 @@ def cycles(b_rf: float, parts: tuple[float, ...]) -> np.ndarray:
 
 
 def some_cycle(b_rf: float) -> str:
-    """Returns a text that states whether runs below the linear limit end in a limit cycle."""
+    """Returns a text that states whether some runs below the critical gain of the linear model end
+    in a limit cycle."""
     found = cycles(b_rf, BELOW)
     return f"{'some' if found.any() else 'none'}: {found.sum()} of {found.size}"
 
 
 def depends_on_start() -> str:
-    """Returns a text that states whether the initial gap decides at the same gain below the linear
-    limit: runs from some gaps end in a limit cycle, and runs from others settle."""
+    """Returns a text that states whether, at one gain below the critical gain of the linear model,
+    the initial gap decides: runs from some gaps end in a limit cycle, and runs from others
+    settle."""
     found = cycles(LIGHT_ARM, BELOW)
     both = found.any(axis=1) & ~found.all(axis=1)
     return stated(bool(both.any()), "depends", f"at {both.sum()} of {len(BELOW)} gains")
@@ -280,8 +288,8 @@ def depends_on_start() -> str:
 
 def rigid_cycles() -> int:
     """Returns the number of runs of the rigid robot with contact that end in a limit cycle. The
-    gains are up to 95 % of the limit that the zero-order hold sets, and the initial gaps up to 20
-    mm. The runs take 60 s, because contact is lost and made for a long time before it lasts."""
+    gains are up to 95 % of the critical gain of the sampled linear loop, and the initial gaps up to
+    20 mm. The runs take 60 s, because the contact is lost many times before it lasts."""
     loop = loops.force_loop("fig2_40")
     largest = loop.firmware_gain(loop.limit().gain or math.inf)
     found = verdicts(
@@ -296,8 +304,8 @@ def rigid_cycles() -> int:
 
 
 def bits_ratio() -> float:
-    """Returns the highest gain at which a contact with 15 counts is stable with 8-bit converters,
-    divided by that with 12-bit converters."""
+    """Returns the highest gain with a stable contact at a force set-point of 15 counts with 8-bit
+    converters, divided by that with 12-bit converters."""
     highest = []
     fine = ["experiment.model=../models/laboratory_12bit.toml", "firmware.adc_bits=12"]
     for sets in ([], fine):

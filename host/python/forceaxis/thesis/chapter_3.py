@@ -34,13 +34,14 @@ K_AMP = (
 
 
 def outer() -> float:
-    """Returns k_amp_outer, the outer slope of the laboratory's amplifier."""
+    """Returns the parameter k_amp_outer: the slope of the laboratory's amplifier in its outer
+    range."""
     return parameter("laboratory", "k_amp_outer")
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """Returns (gain at 0.01 Hz, frequency in Hz at which the gain is 3 dB lower) of a model's
-    frequency response."""
+    """Returns (gain at 0.01 Hz, frequency in Hz at which the gain is 3 dB below this gain) of the
+    frequency response of a model."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
@@ -85,8 +86,8 @@ def phase_crossing_hz(output: str, model: str = "fig4_14") -> float | str:
 
 
 def later_crossing() -> str:
-    """Returns a text that compares the frequencies at which the phases of two accelerations fall
-    through 0 degrees. It states whether that of the motor is higher than that of the tip."""
+    """Returns a text that compares two accelerations, of the motor and of the tip. It states
+    whether the phase of the motor's acceleration falls through 0 degrees at a higher frequency."""
     motor, tip = phase_crossing_hz(MOTOR), phase_crossing_hz(TIP)
     if isinstance(motor, str) or isinstance(tip, str):
         return f"motor {motor}, tip {tip}"
@@ -94,7 +95,7 @@ def later_crossing() -> str:
 
 
 def base_dip() -> tuple[float, float]:
-    """Returns (frequency in Hz, phase in degrees) at the first minimum of the phase of the tip's
+    """Returns (frequency in Hz, phase in degrees) of the first minimum in the phase of the tip's
     acceleration, without contact."""
     f = np.linspace(5.0, 25.0, 8001)
     phase = np.degrees(np.unwrap(np.angle(response("fig4_14", TIP, f, free=True))))
@@ -172,8 +173,8 @@ def steady_speed() -> str:
 
 
 def reverses() -> str:
-    """Returns a text that states whether the output reverses to brake the axis, with its
-    extremes."""
+    """Returns a text that states whether the output of the controller reverses to brake the axis.
+    The text has the smallest and the largest output."""
     dac = position_step().columns["dac"]
     return stated(dac.min() < 0, "reverses", f"{dac.max():.0f} to {dac.min():.0f}")
 
@@ -190,8 +191,8 @@ def flexible_step() -> str:
 
 
 def saturated() -> str:
-    """Returns a text that names which of output and current command reach an end of their range in
-    the step of Fig 3.13."""
+    """Returns a text that names the quantities that reach an end of their range in the step of Fig
+    3.13: controller output, current command, or both."""
     columns = position_step().columns
     ends = {
         "output": columns["dac"].max() == 2047,
@@ -201,8 +202,8 @@ def saturated() -> str:
 
 
 def highest_by_setpoint() -> str:
-    """Returns a text that states whether the highest stable gain of Fig 3.15 falls as the set-point
-    rises. The text has these gains from the runs."""
+    """Returns a text that states whether the highest stable gain of Fig 3.15 falls as the force
+    set-point rises. The text lists the highest stable gains of the simulated runs."""
     highest: dict[int, int] = {}
     for one in cells():
         if one.figure == "3.15" and one.force_setpoint is not None and one.ours == "stable":
@@ -214,9 +215,9 @@ def highest_by_setpoint() -> str:
 
 
 def setpoint_of_3_16() -> str:
-    """Returns a text with the lowest set-point at which the runs agree with Fig 3.16: gain 9 holds
-    the contact, and gain 10 does not. By Fig 3.15, this is possible from 11 to 15 counts, because
-    gain 10 is stable up to 10 counts and unstable from 15 on."""
+    """Returns a text with the lowest force set-point at which the runs agree with Fig 3.16: gain 9
+    holds the contact, and gain 10 does not. By Fig 3.15, this is possible from 11 to 15 counts,
+    because gain 10 is stable up to 10 counts and unstable from 15 counts on."""
     pairs = list(product(range(10, 17), (9, 10)))
     found = verdicts(
         "contact",
@@ -246,7 +247,7 @@ def speed_before_touch() -> str:
 
 def contact_speed() -> str:
     """Returns a text that compares two speeds in mm/s. It states whether the robot touches the
-    workpiece at a lower speed than a strike gives to the workpiece."""
+    workpiece at a lower speed than the workpiece has after an impact."""
     run = runs.run(paths.EXPERIMENTS / "strike.toml")
     time_s = run.columns["time_s"]
     touch = run.columns["tip.velocity"][first_touch(run)]
@@ -255,7 +256,8 @@ def contact_speed() -> str:
 
 
 def lower_limit() -> str:
-    """Returns a text that states whether a strike lowers the highest stable gain of a contact."""
+    """Returns a text that states whether an impact on the workpiece lowers the highest stable gain
+    of a contact."""
     with_strike, contact = (highest_stable(test, "original") for test in ("disturbance", "contact"))
     return stated(with_strike < contact, "lower", f"{with_strike:g} instead of {contact:g}")
 

@@ -68,8 +68,8 @@ def rotor_kg() -> float:
 
 @functools.cache
 def fitted() -> resonance.Fit:
-    """Returns the polynomial model that is fitted to the tip acceleration of Fig 4.14 (section
-    4.2)."""
+    """Returns the polynomial model that was fitted to the tip acceleration of Fig 4.14 (thesis
+    section 4.2)."""
     return figures.fitted_resonances()[3]
 
 
@@ -110,7 +110,7 @@ def zero_at_origin() -> int:
 
 
 def alone_zeta() -> float:
-    """Returns the mean of two damping ratios: of the base alone and of the arm alone."""
+    """Returns the mean of two damping ratios: that of the base alone and that of the arm alone."""
     arm = pole("fig4_15", 33, free=True, drive=False)[1]
     base = printed("b_b") / 2 / math.sqrt(printed("k_b") * (printed("m_b") + printed("m_r")))
     return (arm + base) / 2
@@ -131,8 +131,8 @@ def stiffnesses() -> str:
 
 
 def least_zeta(model: str, part: float) -> float:
-    """Returns the smallest damping ratio of the closed-loop poles. The gain is the share `part` of
-    the critical gain."""
+    """Returns the smallest damping ratio of the closed-loop poles. The gain is `part` times the
+    critical gain."""
     poles = loops.force_loop(model, timing="continuous").closed_poles(part * critical_gain(model))
     return float((-poles.real / abs(poles)).min())
 
@@ -145,8 +145,9 @@ def soft_workpiece_mode() -> str:
 
 
 def no_low_crossing() -> str:
-    """Returns a text that states whether no root crosses the stability boundary at a low frequency
-    with the soft grip. The first crossing is then at the sensor's frequency."""
+    """Returns a text that states whether, with the soft grip, no branch of the root locus crosses
+    the stability boundary at a low frequency. The first crossing is then at the frequency of the
+    sensor."""
     crossings = [c.frequency_hz or 0.0 for c in limit("fig4_25").crossings if c.direction > 0]
     return stated(min(crossings) > 100, "none", f"first at {min(crossings):.3g} Hz")
 
@@ -174,7 +175,7 @@ def base_in_force() -> str:
 
 
 def other_split() -> str:
-    """Returns both solutions in kg for m_r1 of the equations of thesis section 4.4.2."""
+    """Returns both solutions for the mass m_r1 in kg from the equations of thesis section 4.4.2."""
     total = printed("m_r")
     product = total * printed("k_rf") / (2 * math.pi * pole_of_4_4_2()) ** 2
     found = np.sort(np.roots([1, -total, product]).real)

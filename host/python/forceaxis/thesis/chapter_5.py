@@ -27,7 +27,7 @@ from forceaxis.thesis.analysis import (
 )
 from forceaxis.thesis.claim import Claim, compared, stated
 
-SOFTER = 0.25  # stiffness of a softer sensor as a share of the printed one
+SOFTER = 0.25  # stiffness of a softer sensor, relative to the stiffness that the thesis prints
 ONE_MORE = "gain 9 with a strike is stable here; a damper that yields would give it, see the report"
 
 
@@ -90,7 +90,7 @@ def lead() -> str:
 
 def contact_hz(part: float, k_s: float) -> float:
     """Returns the frequency in Hz at which rigid robot and motor vibrate in contact. `part`: gain
-    as a share of the printed limit. `k_s`: stiffness of the sensor in N/m."""
+    relative to the critical gain that the thesis prints. `k_s`: stiffness of the sensor in N/m."""
     loop = loops.force_loop("fig4_11", timing="continuous", overrides={"k_s": k_s})
     poles = loop.closed_poles(part * critical_gain("fig4_11"))
     return abs(nearest(poles, 0.0)) / (2 * math.pi)
@@ -103,8 +103,8 @@ def soft_over_none(frequency_hz: float) -> float:
 
 
 def reshaped() -> str:
-    """Returns a text that states whether the soft grip does more than lower the loop gain. If it
-    does, the ratio of the critical gains times the ratio of the loop gains at 10 Hz is not 1."""
+    """Returns a text that states whether the soft grip has more effect than a lower loop gain. This
+    is so if the ratio of the critical gains times the ratio of the loop gains at 10 Hz is not 1."""
     product = critical_gain("fig4_25") / critical_gain("fig4_19") * soft_over_none(10.0)
     return stated(abs(product - 1) > 0.1, "changes", f"{product:.3g} times beyond the loop gain")
 
@@ -126,15 +126,15 @@ def together(k_g: float) -> float:
 
 
 def moves_apart() -> str:
-    """Returns a text that states whether sensor and workpiece move together with a stiff grip, and
-    apart with a soft one."""
+    """Returns a text that states whether sensor and workpiece move together with a stiff grip, but
+    not with a soft grip."""
     stiff, soft = together(1e7), together(printed("k_g"))
     return stated(abs(stiff - 1) < 0.1 and soft > 2, "apart", f"{soft:.3g} against {stiff:.3g}")
 
 
 @functools.cache
 def touch_speed(workpiece: str) -> float:
-    """Returns the speed in m/s at the first contact. The gain is the highest stable one of Fig
+    """Returns the speed in m/s at the first contact. The gain is the highest stable gain of Fig
     5.10."""
     gain = highest_stable("contact", workpiece)
     run = runs.run(
@@ -147,14 +147,16 @@ def touch_speed(workpiece: str) -> float:
 
 
 def much_faster() -> str:
-    """Returns a text that states whether the first contact with the damped workpiece may be faster
-    by more than a quarter."""
+    """Returns a text that states whether, with the damped workpiece, the speed at the first contact
+    is more than a quarter higher than with the original one. The gain is the highest stable
+    gain."""
     ratio = touch_speed("damped") / touch_speed("original")
     return stated(ratio > 1.25, "much higher", f"{ratio:.3g} times")
 
 
 def corner() -> str:
-    """Returns the verdict of the run at gain 10 and set-point 15 without a pad, as in Fig 3.15."""
+    """Returns the verdict of the run at gain 10 and at a force set-point of 15 counts without a
+    pad, as in Fig 3.15."""
     return next(
         c.ours for c in cells() if (c.figure, c.force_gain, c.force_setpoint) == ("3.15", 10, 15)
     )

@@ -23,7 +23,7 @@ from forceaxis.thesis.analysis import (
 from forceaxis.thesis.chapter_2 import ARM_DAMPING, LIGHT_BASE
 from forceaxis.thesis.claim import Claim, compared, stated
 
-# Two links. The mass of the second link is at its end, beyond the centre of percussion.
+# Two-link arm. The mass of link 2 is at its end, beyond its centre of percussion.
 MASS_AT_THE_END = TwoLinkArm(c2=TwoLinkArm.l2)
 
 
@@ -41,9 +41,9 @@ def colocated_lag_deg() -> float:
 
 
 def stiff_arm(above: float) -> str:
-    """Returns a text that states whether a stiff arm changes the frequency at which the loop of the
-    rigid robot becomes unstable by less than 10 %. The arm's mode is at `above` times this
-    frequency."""
+    """Returns a text that states whether a stiff arm changes the frequency at which the loop
+    becomes unstable by less than 10 %, compared with a rigid robot. The frequency of the arm's mode
+    is `above` times this frequency."""
     k_rf = parameter("fig4_15", "k_rf")
     times = (above * crossing_hz("fig4_11") / pole("fig4_15", 35, drive=False)[0]) ** 2
     ratio = crossing_hz("fig4_15", k_rf=times * k_rf) / crossing_hz("fig4_11")
@@ -58,8 +58,8 @@ def labels() -> str:
 
 
 def added_zeros() -> int:
-    """Returns the number of zeros that the signal of a velocity-sensing force sensor adds to the
-    force loop."""
+    """Returns the number of zeros that a force sensor adds to the force loop if its signal also has
+    the time derivative of the force."""
     spec = loops.LoopSpec("derivative", "continuous", parameters={"derivative_s": 0.005})
     plain = loops.force_loop("fig4_11", timing="continuous")
     return len(spec.around("fig4_11").open.zeros()) - len(plain.open.zeros())
@@ -75,7 +75,8 @@ def bandwidth_ratio(law: str, **parameters: float) -> str:
 
 
 def steady_error(model: str) -> float:
-    """Returns the error of the force at half of the critical gain, as a share of the set-point."""
+    """Returns the static error of the force at half of the critical gain, relative to the
+    set-point."""
     loop = loops.force_loop(model, timing="continuous")
     return float(1 / (1 + critical_gain(model) / 2 * abs(loop.open.response(1e-4))))
 

@@ -24,7 +24,7 @@ class CheckedClaim:
 
 @dataclass(frozen=True)
 class Claim:
-    """One number or statement of the thesis. `what`: its name, which is different for each claim.
+    """One number or statement of the thesis. `what`: unique name of the number or statement.
 
     `ours`: function that computes the value from the models. A number agrees if its relative
     difference from that of the thesis is at most `within`. With `at_least`, a larger number agrees
@@ -63,12 +63,12 @@ class Claim:
 
 
 def stated(holds: bool, word: str, value: str) -> str:
-    """Returns the text of a statement, with a value after a colon. It is "higher: 2.83 times" if
-    the statement holds, otherwise "not higher: 0.9 times"."""
+    """Returns the text of a statement with a value after a colon. An example is "higher: 2.83
+    times" if the statement holds, and "not higher: 0.9 times" if it does not hold."""
     return f"{word}: {value}" if holds else f"not {word}: {value}"
 
 
 def compared(ratio: float, word: str, below: bool = False) -> str:
-    """Returns the text of a statement about a ratio of two values. `word`, such as "higher", holds
-    if the ratio is above 1. With `below`, it holds if the ratio is below 1."""
+    """Returns the text of a statement about a ratio of two values. The statement `word`, such as
+    "higher", holds if the ratio is above 1. With `below`, it holds if the ratio is below 1."""
     return stated(ratio < 1 if below else ratio > 1, word, f"{plain(ratio)} times")

@@ -42,8 +42,8 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """Returns a number with its unit as text. A number below 1000 has 3 digits, and a larger number
-    has no decimals. A value that is already a text is returned unchanged."""
+    """Returns a number with its unit as text. A number below 1000 has 3 significant digits, and a
+    larger number has no decimals. A value that is already a text is returned unchanged."""
     if not isinstance(number, str):
         number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     return f"{number} {unit}".strip()

@@ -20,7 +20,7 @@ Settings = dict[str, float]  # {model parameter: value}
 Run = tuple[str, str, Settings | None]  # (model, label of the curve, parameter values)
 Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
-# {argument of a drawing function: value}
+# keyword arguments of a drawing function, as {name: value}
 Options = Mapping[str, str | float | tuple[float, float]]
 
 # Inputs and outputs of the frequency responses.
@@ -81,18 +81,19 @@ def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[
 
 
 def loci(*runs: Run, span_hz: float | None = None) -> list[locus.Locus]:
-    """Returns one root locus for each run. The force loops are in continuous time."""
+    """Returns one root locus for each of `runs`. The force loops are in continuous time."""
     found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
     return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
-    """Returns several runs of one model. Each run has another value of the parameter `parameter`,
-    in the unit `unit`."""
+    """Returns several variants of one model for a plot. They have different values of the parameter
+    `parameter`, in the unit `unit`."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
-BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # example values: 17.9 kg, first mode at 103 Hz
+# Beam with example values: mass 17.9 kg, first bending mode at 103 Hz.
+BEAM = beam.Beam(3.0e4, 35.8, 0.5)
 LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
 ARM = beam.TwoLinkArm()
 

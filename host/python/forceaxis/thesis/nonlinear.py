@@ -27,8 +27,8 @@ FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
 
 @dataclass
 class ContactMap:
-    """Table that shows which simulated runs end in a limit cycle. Rows are gains (GAINS), and
-    columns are initial gaps (GAPS)."""
+    """Table of the simulated runs that end in a limit cycle. Rows are gains (GAINS), and columns
+    are initial gaps (GAPS)."""
 
     title: str
     limit: float  # largest gain at which the linear, sampled loop is stable
@@ -38,8 +38,8 @@ class ContactMap:
 
     def counts(self, above: bool) -> tuple[int, int]:
         """Returns (number of runs with a limit cycle, number of runs). With `above`, only runs with
-        a gain above the linear limit are counted. Otherwise only runs with a gain below it are
-        counted."""
+        a gain above the critical gain of the linear loop are counted. Otherwise only runs below it
+        are counted."""
         part = self.cycles[(np.array(GAINS) > 1) == above]
         return int(part.sum()), part.size
 
@@ -94,8 +94,9 @@ def contact_maps(threads: int) -> list[ContactMap]:
 
 
 def friction_limits(threads: int) -> list[tuple[float, float]]:
-    """Returns (Coulomb force in N, gain) for each force in COULOMB. The gain is the largest one,
-    relative to the linear limit, at which the runs from all initial gaps settle."""
+    """Returns (Coulomb force in N, gain) for each force in COULOMB. The gain is the largest one at
+    which the runs from all initial gaps settle, relative to the critical gain of the linear
+    loop."""
     limit, _ = flexible_robot(640.0)
     gains = [g * limit for g in FRICTION_GAINS]
     rows = []

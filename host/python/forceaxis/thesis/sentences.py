@@ -1,5 +1,6 @@
 """The quantitative sentences of Chapters 2 to 6 of the thesis, from the file sentences.toml. Each
-sentence has what checks it, or the reason why it cannot be checked."""
+sentence lists the claims, tests and figures that check it, or has the reason why it cannot be
+checked."""
 
 import functools
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ FILE = Path(__file__).with_name("sentences.toml")
 
 @dataclass(frozen=True)
 class Sentence:
-    """One quantitative sentence of the thesis. It has rows, tests or figures, or else a reason."""
+    """One quantitative sentence of the thesis. It has the claims, tests or figures that check it,
+    or the reason why it cannot be checked."""
 
     says: str  # content of the sentence in other words
     rows: tuple[str, ...] = ()  # names (`what`) of the claims that check the sentence
@@ -24,7 +26,7 @@ class Sentence:
 
     @property
     def checked(self) -> bool:
-        """True if a row, a test or a figure checks the sentence."""
+        """True if a claim, a test or a figure checks the sentence."""
         return bool(self.rows or self.tests or self.figures)
 
 
@@ -48,5 +50,6 @@ class _File:
 
 @functools.cache
 def sections() -> tuple[Section, ...]:
-    """Returns those sections of the thesis that have quantitative sentences. Raises InputError."""
+    """Returns the sections of the thesis that have quantitative sentences. Raises InputError for a
+    wrong file."""
     return from_json(_File, toml.read(FILE), paths.display(FILE)).section

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Report = Callable[[str], None]
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
-TRAVEL_COUNTS = 36_000  # travel of the axis in the move, in encoder counts
+TRAVEL_COUNTS = 36_000  # travel of the axis in the first move of the session, in encoder counts
 # Force set-point in 8-bit counts. With the P law of the thesis, the force settles below it.
 SETPOINT = 30.0
 RECORDED = ["force", "dac_code"]
@@ -107,8 +107,8 @@ def run(
     strike_within_s: float = 20.0,
     report: Report = lambda step: None,
 ) -> tuple[ObservedSession, list[axis_state_t], Assembly]:
-    """Runs the session, and returns (observed values, states, recording). `report`: function that
-    is called with the name of each step when the step begins."""
+    """Runs a laboratory session, and returns (observed values, states, recording). `report`:
+    function that is called with the name of each step when the step begins."""
     report("connecting")
     with Session(axis, url, wait_s=20) as session:
         software = int(session.read("object_table_hash"))

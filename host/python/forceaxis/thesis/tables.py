@@ -1,6 +1,6 @@
 """The 55 measured cells of the stability tables of the thesis. The module computes the simulated
-verdicts, the fit of the free constants, and how changed thresholds affect the number of equal
-verdicts.
+verdicts, the fit of the free constants, and the effect of changed verdict thresholds on the number
+of cells with equal verdicts.
 
 A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
 the thesis does not state are fitted. Their values are in sim/models/thesis.toml, like those of
@@ -30,7 +30,8 @@ FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
 Job = tuple[str, list[str]]  # simulated run: (experiment file, overrides)
-Point = tuple[int, ...]  # point of the search grid: one index for the value of each constant
+# point of the search grid of the fit: one index for the value of each constant
+Point = tuple[int, ...]
 
 
 class StaleFit(Exception):
@@ -110,8 +111,8 @@ class TablesResult:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of a changed threshold of the verdict on the stability tables. It has the number of
-    cells with equal verdicts, and the cells whose verdict changes."""
+    """Effect of a changed threshold of the verdict on the stability tables: the number of cells
+    with equal verdicts, and the cells whose simulated verdict changes."""
 
     threshold: str
     factor: float
@@ -142,8 +143,9 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Reading:
-    """A sentence of the thesis that has several interpretations. It has the used interpretation,
-    the reason for it, and the other interpretations. The report shows the scores of these."""
+    """A sentence of the thesis that has several interpretations: the used interpretation, the
+    reason for it, and the other interpretations. For each of these, the report shows the number of
+    cells with equal verdicts."""
 
     name: str
     taken: str
@@ -169,7 +171,7 @@ class Trial:
     of: dict[str, str]  # {field of Cell: value} of those cells whose run the trial changes
     vary: tuple[Variation, ...]
     set: tuple[str, ...] = ()  # overrides of each run of the trial
-    # overrides of this trial in the common run of all chosen trials; empty: the trial is not chosen
+    # overrides of this trial in the joint run of all chosen trials; empty if it is not chosen
     taken: tuple[str, ...] = ()
 
     def changes(self, cell: Cell) -> bool:
@@ -188,7 +190,7 @@ class SourcedParameter:
 
 @dataclass(frozen=True)
 class OmittedFigure:
-    """Result of a fit of the constants to all figures of the thesis except one. It has those cells
+    """Result of a fit of the constants to all figures of the thesis except one. It lists the cells
     of the omitted figure that this fit predicts correctly."""
 
     figure: str
@@ -290,7 +292,8 @@ def fitted() -> dict[str, float]:
 
 
 def _criterion_of(outcome: "_core.RunOutcome") -> Criterion:
-    """Returns the criterion of a run. Its experiment must have a [verdict]."""
+    """Returns the verdict criterion of a run. The experiment of the run must have a table
+    [verdict]."""
     criterion = outcome["criterion"]
     assert criterion is not None
     return criterion
@@ -390,16 +393,16 @@ def plateau(
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
 ) -> dict[str, list[tuple[float, int]]]:
-    """Returns the scores of the fit when only one constant is changed at a time, as {constant:
-    [(ratio to the fitted value, score)]}."""
+    """Returns how the score of the fit changes if one constant is changed at a time, as {constant:
+    [(ratio to the fitted value, score)]}. The score is the number of cells with equal verdicts."""
     variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
     scores = iter(score_with(variants, threads, "plateau"))
     return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
 
 
 def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
-    """Returns (open choice, interpretation, score) for each other interpretation of the thesis,
-    with this interpretation alone."""
+    """Returns (open choice, interpretation, score) for each interpretation of the thesis that is
+    not used. The score is that of a run with this interpretation and no other change."""
     rows = [(r.name, a) for r in load().readings for a in r.alternatives]
     scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
     return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]

@@ -17,13 +17,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class TrialScores:
-    """The scores of one trial, which are numbers of table cells with equal verdicts. Rows are the
-    values of the first parameter that the trial varies, and columns are those of the second. With
-    one parameter, there is only one column."""
+    """The scores of one trial: the number of table cells with equal verdicts at each of its points.
+    Rows are the values of the first parameter that the trial varies, and columns are those of the
+    second. With one parameter, there is only one column."""
 
     trial: Trial
     scores: list[list[int]]
-    # for each point of the trial: True if its cell has the measured verdict there
+    # for each point of the trial: True if the cell of the trial has the measured verdict there
     gives: list[list[bool]]
     command: str  # command line that repeats the run of the trial's cell
 
@@ -92,8 +92,8 @@ def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult
 
 
 def points(trial: Trial) -> list[tuple[str, ...]]:
-    """Returns the points of a trial, each as overrides. The value of the last parameter changes
-    fastest."""
+    """Returns the points of a trial, each as overrides of a run. From one point to the next, the
+    value of the last parameter changes first."""
     names = [[f"{one.name}={value}" for value in one.values] for one in trial.vary]
     return list(itertools.product(*names))
 
@@ -105,13 +105,13 @@ def job(cell: CellResult, trial: Trial, point: Sequence[str]) -> tuple[str, list
 
 
 def in_rows(values: Sequence[T], width: int) -> list[list[T]]:
-    """Returns a list of values as the rows of a table with `width` columns."""
+    """Returns a list of values as a list of rows with `width` columns each."""
     return [list(values[i : i + width]) for i in range(0, len(values), width)]
 
 
 def command(cells: Sequence[CellResult], trial: Trial) -> str:
     """Returns the command line of the run of a trial's cell. It has the overrides `taken` of the
-    trial, or else those of its first point."""
+    trial. If the trial is not chosen, it has those of its first point."""
     cell = next(one for one in cells if key_of(one) == trial.cell)
     path, sets = job(cell, trial, trial.taken or points(trial)[0])
     words = [word for text in sets for word in ("--set", text)]
