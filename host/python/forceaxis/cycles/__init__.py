@@ -1,3 +1,3 @@
-"""Press cycles, simulated or on an axis: one pressed part with its phases, error rates over many
-parts, statistics of parts, and bounds of the evaluation elements that are computed from good
+"""Press cycles, simulated or on an axis: simulation of one pressed part, error rates over many
+parts, statistics of pressed parts, and bounds of evaluation elements that are computed from good
 parts."""

@@ -1,5 +1,5 @@
-"""Statistics of pressed parts. They have the proportion of good parts. For each evaluation element,
-they have mean, standard deviation, process capability, and all values in the order of the parts.
+"""Statistics of pressed parts: the proportion of good parts, and for each evaluation element the
+mean, the standard deviation, the process capability, and all values in the order of the parts.
 
 The capability is computed from the mean m and the standard deviation s of all values (with n - 1 in
 the denominator), and from the lower bound L and the upper bound U:
@@ -33,7 +33,7 @@ TOO_FEW = f"fewer than {VALUES_LEAST} values"
 NO_BOUND = "no bound that is a number"
 CONSTANT = "all values are equal"
 BINS_MOST = 30
-CURVES_DRAWN = 20  # largest number of curves that are drawn over each other
+CURVES_DRAWN = 20  # largest number of curves that one plot shows over each other
 
 
 @dataclass(frozen=True)
@@ -48,33 +48,34 @@ class Interval:
 @dataclass(frozen=True)
 class ElementStatistics:
     """The values of one evaluation element in all good and bad parts, in `unit`. The bounds `least`
-    and `most` are those of the last part."""
+    and `most` are those of the cycle program of the last part."""
 
     name: str
     unit: str
     least: float | None
     most: float | None
-    n: int  # number of parts in which the element has a value
-    not_found: int  # number of parts in which the element has no value
-    good: Share  # proportion of the parts whose value is within the bounds of the element
+    n: int  # number of parts in which this evaluation element has a value
+    not_found: int  # number of parts in which this evaluation element has no value
+    # proportion of the parts whose value is within the bounds of this evaluation element
+    good: Share
     mean: float | None
-    deviation: float | None  # standard deviation, with n - 1 in the denominator
+    deviation: float | None  # standard deviation of the values, with n - 1 in the denominator
     smallest: float | None
     largest: float | None
     cp: Interval | None
     cpk: Interval | None
     without: str  # reason why Cpk was not computed; empty if it was computed
-    # values in the order of the parts; None if the element has no value in a part
+    # values in the order of the parts; None for a part in which the evaluation element has no value
     values: list[float | None]
 
 
 @dataclass(frozen=True)
 class PartStatistics:
-    """Statistics of recorded or simulated parts. The statistics of the evaluation elements are
-    computed only from parts that were pressed with the same program as the last part."""
+    """Statistics of recorded or simulated parts. The statistics of the evaluation elements use only
+    parts that were pressed with the same cycle program as the last part."""
 
     source: str
-    title: str  # title of the program of the last part
+    title: str  # title of the cycle program with which the last part was pressed
     program_crc: str
     parts: int
     good: int
@@ -82,11 +83,11 @@ class PartStatistics:
     aborted: int
     lost: int  # number of parts whose results were lost in a power cut of the axis
     without_result: int
-    good_share: Share  # proportion of good parts among the good and bad parts
-    bad_in_row: int  # number of consecutive bad or aborted parts at the end
-    # number of parts with another program, which are not in the statistics of the elements
+    good_share: Share  # number of good parts divided by the number of good and bad parts
+    bad_in_row: int  # number of bad or aborted parts since the last good part
+    # number of parts with another cycle program; statistics of the elements exclude these parts
     other_programs: int
-    left_out: int  # number of simulated bad parts, which are not in any of the statistics
+    left_out: int  # number of simulated bad parts, which all statistics exclude
     elements: list[ElementStatistics]
 
 
@@ -166,7 +167,7 @@ def _element(name: str, judged: Sequence[PartRecord], last: PartRecord) -> Eleme
 
 
 def _without(figures: ElementStatistics, bounds: ElementFigure) -> str:
-    """Returns the reason why an element has no Cpk, or an empty text if it has a Cpk."""
+    """Returns the reason why an evaluation element has no Cpk, or an empty text if it has a Cpk."""
     if bounds.least is None and bounds.most is None:
         return NO_BOUND
     if figures.n < VALUES_LEAST:
@@ -176,8 +177,8 @@ def _without(figures: ElementStatistics, bounds: ElementFigure) -> str:
 
 
 def cp(least: float | None, most: float | None, deviation: float, n: int) -> Interval | None:
-    """Returns Cp of n values with its exact confidence interval. Returns None if there are not two
-    bounds."""
+    """Returns the process capability Cp of n values with its exact confidence interval. Returns
+    None unless the evaluation element has two bounds."""
     if least is None or most is None:
         return None
     value = (most - least) / (6 * deviation)
@@ -190,8 +191,8 @@ def cp(least: float | None, most: float | None, deviation: float, n: int) -> Int
 def cpk(
     least: float | None, most: float | None, mean: float, deviation: float, n: int
 ) -> Interval | None:
-    """Returns Cpk of n values with the confidence interval of Bissell. Returns None if there is no
-    bound."""
+    """Returns the process capability Cpk of n values with the confidence interval of Bissell.
+    Returns None if the evaluation element has no bound."""
     sides = [
         *([] if least is None else [(mean - least) / (3 * deviation)]),
         *([] if most is None else [(most - mean) / (3 * deviation)]),
@@ -219,7 +220,7 @@ def histogram(values: Sequence[float | None]) -> tuple[list[int], list[float]]:
 def last_curves(
     parts: RecordedParts, most: int = CURVES_DRAWN
 ) -> list[tuple[str, list[CurvePoint]]]:
-    """Returns the verdict and the curve of each of the last parts that have a curve. Returns at
-    most `most` curves."""
+    """Returns the verdict and the curve of each of the last parts. Parts without a curve are
+    skipped. At most `most` curves are returned."""
     found = [(r.state, r.curve) for r in parts.records if r.curve]
     return found[-most:] if most else []

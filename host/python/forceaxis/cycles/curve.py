@@ -23,12 +23,12 @@ from forceaxis.cycles.live import LiveProgram
 from forceaxis.cycles.part import Curve, PartPicture, PhaseSpan
 from forceaxis.cycles.record import CurvePoint, PartRecord
 
-# Layout of a point in the firmware (firmware/cycle/curve.h).
+# Layout of one point of the curve of a cycle in the firmware (firmware/cycle/curve.h).
 POINT = np.dtype([("time", "<u4"), ("travel", "<i4"), ("force_phase", "<i4")])
-# number of the lowest bit of the force in force_phase; the lower bits contain the phase
+# number of the lowest bit of the force in force_phase; the bits below contain the phase number
 FORCE_BIT = 8
-COUNTS_PER_FORCE = 256  # the force of a point is in 1/256 of a force count
-# Number of points that the objects cycle_data contain after a write to cycle_curve_first.
+COUNTS_PER_FORCE = 256  # The force of a point has the unit of 1/256 of a force count.
+# Number of curve points that the objects cycle_data contain after a write to cycle_curve_first.
 SHOWN_POINTS = 5
 WORDS = [f"cycle_data_{i}" for i in range(1, SHOWN_POINTS * POINT.itemsize // 4 + 1)]
 BUSY = ("running", "evaluating")
@@ -42,18 +42,19 @@ class CurvePoints(Curve):
     from travel 0 of the program, minus the deflection of the press. The force is the measured force
     minus the offset of a tare."""
 
-    # number of times that the memory was full, so that the axis deleted every second point
+    # number of times that the memory was full and the axis deleted every second point
     thinned: int
 
     def rows(self) -> list[CurvePoint]:
-        """Returns the points in the form of a record: time, travel and force of each point."""
+        """Returns time, travel and force of each point, in the form that the record of a part
+        has."""
         columns = self.time_s.tolist(), self.travel_m.tolist(), self.force_N.tolist()
         return list(zip(*columns, strict=True))
 
 
 @dataclass(frozen=True)
 class CurveObjects:
-    """Objects about the curve of the last cycle."""
+    """Objects of the firmware about the curve of the last cycle."""
 
     cycle_state: str
     cycle_count: int
@@ -62,8 +63,8 @@ class CurveObjects:
 
 
 def read(axis: Drive, wanted: LiveProgram) -> CurvePoints:
-    """Reads the curve of the last cycle of an axis that this program owns. Raises Refused if a
-    cycle is running or if there is no curve, and NoAnswer."""
+    """Reads the curve of the last cycle of an axis that this client owns. Raises Refused if a cycle
+    is running or if there is no curve, and NoAnswer if the axis does not answer."""
     found = axis.record(CurveObjects)
     where = axis.link.where
     if found.cycle_state in BUSY:
@@ -87,7 +88,7 @@ def read(axis: Drive, wanted: LiveProgram) -> CurvePoints:
 
 
 def _read_parts(axis: Drive, count: int) -> bytes:
-    """Reads the bytes of all points of a curve, SHOWN_POINTS points at a time."""
+    """Reads the bytes of all points of a curve from the axis, SHOWN_POINTS points at a time."""
     parts = []
     for first in range(0, count, SHOWN_POINTS):
         axis.link.write({"cycle_curve_first": first})
@@ -97,7 +98,8 @@ def _read_parts(axis: Drive, count: int) -> bytes:
 
 
 def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
-    """Converts the bytes of the points of a curve to numbers, with the scales of an experiment."""
+    """Converts the bytes of the points of a curve to numbers. The scales of the numbers are those
+    of an experiment."""
     converters = _core.inputs(str(wanted.experiment), list(wanted.overrides))["converters"]
     sensor, encoder = converters["adc0"], converters["encoder"]
     newtons = abs(sensor["per_code"]) * 2.0 ** (sensor["bits"] - 8) / COUNTS_PER_FORCE
@@ -113,7 +115,7 @@ def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
 
 
 def write_table(curve: CurvePoints, wanted: LiveProgram, file: Path) -> None:
-    """Writes the points of a curve to a CSV file, with the names of the phases. Raises OSError."""
+    """Writes the points of a curve and the names of their phases to a CSV file. Raises OSError."""
     names = [phase.name for phase in wanted.program.phases]
     columns = curve.time_s.tolist(), curve.travel_m.tolist(), curve.force_N.tolist()
     with file.open("w", newline="") as stream:
@@ -124,7 +126,7 @@ def write_table(curve: CurvePoints, wanted: LiveProgram, file: Path) -> None:
 
 
 def picture(curve: CurvePoints, part: PartRecord, wanted: LiveProgram) -> PartPicture:
-    """Returns the data for the plot of a part, which plots.draw() draws."""
+    """Returns the data with which plots.draw() draws the plot of a part."""
     return PartPicture(
         title=part.title,
         state=part.state,

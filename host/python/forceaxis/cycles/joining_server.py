@@ -46,11 +46,11 @@ from forceaxis.cycles.record import LOST, PartRecord, state_text
 from forceaxis.cycles.records import PARTS, Key, files_of, read_record
 from forceaxis.errors import ParameterError
 
-Structure = Any  # a structure of OPC UA, whose class asyncua makes from a nodeset
+Structure = Any  # structure of OPC UA; the package asyncua makes its class from a nodeset
 PACKAGE = "node-opcua-nodesets"
-# the folder to which tools/setup installs the nodesets
+# folder to which tools/setup installs the nodesets of OPC UA
 NODESETS = Path(sys.prefix, "node_modules", PACKAGE, "nodesets")
-# Files of the nodesets. Each nodeset uses types of the nodesets before it.
+# Files of the OPC UA nodesets. Each nodeset uses types of the nodesets before it in this list.
 FILES = tuple(
     f"Opc.Ua.{name}.NodeSet2.xml"
     for name in ("Di", "AMB", "IA", "Machinery", "Machinery_Result", "Ijt.Base")
@@ -59,7 +59,7 @@ MACHINERY, RESULT, JOINING = (
     f"http://opcfoundation.org/UA/{name}/" for name in ("Machinery", "Machinery/Result", "IJT/Base")
 )
 OWN = "urn:forceaxis:joining"
-# Numbers of nodes in their namespaces. They never change once a nodeset is released.
+# Numbers of OPC UA nodes in their namespaces. They never change once a nodeset is released.
 MACHINES, RESULT_DATA_TYPE = 1001, 3008
 SYSTEM_TYPE, RESULT_MANAGEMENT_TYPE, RESULT_TYPE, READY_EVENT_TYPE = 1005, 1022, 2014, 1007
 XML = "{http://opcfoundation.org/UA/2011/03/UANodeSet.xsd}"
@@ -71,19 +71,19 @@ UNIT_CODES = {
     "mm/s": "C16", "": "C62",
 }  # fmt: skip
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
-# the connection in the record of a simulated axis begins with this text (axis/sim.py)
+# The connection in a record begins with this text if the axis is simulated (axis/sim.py).
 SIMULATED = "the simulated axis"
-# largest number of parts that the server offers as results; these are the newest parts
+# largest number of parts that the server offers as results; older parts are not offered
 RESULTS_MOST = 200
 POLL_S = 0.5  # time in s between two checks of the folder
-# if the last change of the folder is older than this time in ns, the folder is not read again
+# If the last change of the folder is older than this time in ns, the folder is not read again.
 SETTLED_NS = 1_000_000_000
-# Limits of the data that clients send: bytes of a chunk, bytes of a message, and waiting messages.
+# Limits of the data that a client sends: bytes of a chunk, bytes of a message, waiting messages.
 # The requests of clients are short, so the limits are small.
 CHUNK_BYTES, MESSAGE_BYTES, WAITING_MESSAGES = 65535, 1 << 20, 16
-# size of a message header, and offset of the message size in it (OPC 10000-6, 7.1.2.2)
+# size of an OPC UA message header, and offset of the message size in it (OPC 10000-6, 7.1.2.2)
 HEADER_BYTES, SIZE_AT = 8, 4
-SESSION_S = 15.0  # longest time in s from opening a connection to an active session
+SESSION_S = 15.0  # longest time in s from the opening of a connection to an active session
 COMPLETED, STATE_ABORTED, STATE_FAILED = 1, 3, 4  # values of ResultState in OPC 40001-101
 NO_HANDLE, NO_ERROR, UNKNOWN_RESULT = 0, 0, 1
 # Services that would change the server are refused.
@@ -95,23 +95,23 @@ REFUSED = {
 
 
 class ReadOnly(PermissionRuleset):
-    """Rules that refuse all services that would change the server."""
+    """Rules of the server that refuse all services that would change it."""
 
     def check_validity(self, user: object, action_type_id: ua.NodeId, body: object) -> bool:
-        """Returns True if a client may use a service."""
+        """Returns True if a client may use a service of the server."""
         return action_type_id not in REFUSED
 
 
 class Connection(binary_server_asyncio.OPCUAProtocol):
     """The connection of a client, with three limits. A message whose header states more than
-    CHUNK_BYTES is refused. The connection is closed if a message is not complete REQUEST_S after
-    its first byte. No more data are read while WAITING_MESSAGES wait for processing."""
+    CHUNK_BYTES is refused. The connection is closed if a message is still incomplete REQUEST_S
+    after its first byte. No more data are read while WAITING_MESSAGES wait for processing."""
 
     _late: asyncio.TimerHandle | None = None
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._received = bytearray()  # bytes of the message that is not complete yet
+        self._received = bytearray()  # bytes of the last message, which is not complete yet
 
     def data_received(self, data: bytes) -> None:
         self._received += data
@@ -129,7 +129,7 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
                 del self._received[:whole]
                 self._stop_clock()
                 super().data_received(message)
-                if self._buffer:  # the received bytes are not a message of OPC UA
+                if self._buffer:  # The bytes that were received are not a message of OPC UA.
                     self.transport.close()
         self._wait()
 
@@ -161,7 +161,8 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
             self._late = None
 
 
-binary_server_asyncio.OPCUAProtocol = Connection  # asyncua has no other way to use this class
+# asyncua has no other way to make the server use this class
+binary_server_asyncio.OPCUAProtocol = Connection
 
 
 def evaluation(state: str) -> Structure:
@@ -172,8 +173,8 @@ def evaluation(state: str) -> Structure:
 
 
 def unit(text: str) -> ua.EUInformation:
-    """Returns an engineering unit of OPC UA. A unit without a code of UN/CEFACT has only its
-    name."""
+    """Returns an engineering unit of OPC UA. If the unit has no code of UN/CEFACT, only its name is
+    set."""
     code = UNIT_CODES.get(text)
     return ua.EUInformation(
         NamespaceUri=CEFACT if code else OWN,
@@ -185,7 +186,7 @@ def unit(text: str) -> ua.EUInformation:
 
 def measured_value(element: ElementFigure) -> Structure:
     """Returns the value of one evaluation element as a measured value of OPC UA. The value is nan
-    if the element has none."""
+    if the evaluation element has found no value."""
     known = ua.ResultEvaluationEnum
     if element.verdict == GOOD:
         verdict = known.OK
@@ -277,8 +278,9 @@ def expect_nodesets(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Nodeset:
-    """A nodeset in the form that asyncua can import. In some of its structures, fields may have a
-    value of a derived type. These are listed as {number of the node: names of these fields}."""
+    """A nodeset in a form that asyncua can import. In some structures of the nodeset, fields may
+    have a value of a derived type. The nodeset lists these as {number of the node: names of these
+    fields}."""
 
     uri: str
     text: str
@@ -286,8 +288,8 @@ class Nodeset:
 
 
 def nodeset(file: Path) -> Nodeset:
-    """Reads a nodeset. Default values of structures, and nodes that only design tools need, are
-    left out, because asyncua cannot import them. Raises InputError."""
+    """Reads a nodeset. asyncua cannot import default values of structures, or nodes that only
+    design tools need, so these are left out. Raises InputError."""
     try:
         root = ET.parse(file).getroot()
         uri = root.find(f"{XML}NamespaceUris/{XML}Uri").text or ""  # type: ignore[union-attr]
@@ -312,7 +314,7 @@ def nodeset(file: Path) -> Nodeset:
 def _definition(
     definition: ua.StructureDefinition, fields: Sequence[str], types: dict[str, ua.NodeId]
 ) -> ua.DataValue:
-    """Returns a changed definition of an OPC UA structure. In it, `fields` may have values of
+    """Returns a changed definition of an OPC UA structure, in which `fields` may have values of
     derived types."""
     definition.StructureType = ua.StructureType.StructureWithSubtypedValues
     for one in definition.Fields:
@@ -330,7 +332,7 @@ class JoiningServer:
         self._nodes: dict[str, Node] = {}  # {name of a result: its node}, in the order of the parts
         self._values: dict[str, Structure] = {}
         self._own = 0
-        # time of the last change of the folder that does not have to be read again
+        # time of the last change of the folder of records after which the folder was read
         self._read_ns = 0
 
     async def open(self, nodesets: Path) -> None:
@@ -433,8 +435,8 @@ class JoiningServer:
         changed_ns = (self._folder / PARTS).stat().st_mtime_ns
         if changed_ns == self._read_ns:
             return
-        # Two changes may have the same time.
-        # Therefore a folder that has just changed is read again.
+        # Two changes of the folder may have the same time of change.
+        # Therefore a folder that has just changed is read once more.
         is_settled = time.time_ns() - changed_ns > SETTLED_NS
         self._read_ns = changed_ns if is_settled else 0
         for key, file in list(files_of(self._folder).items())[-RESULTS_MOST:]:

@@ -1,4 +1,4 @@
-"""Downloads the program of a press cycle to an axis over a connection, and runs one cycle.
+"""Downloads a cycle program to an axis over a connection, and runs one press cycle.
 
 An experiment describes the axis for which the program was made. Its model defines the size of a
 count in m and N, and its table [firmware] contains the parameters. The scales of the real axis must
@@ -23,21 +23,21 @@ from forceaxis.objects import BY_NAME
 MODE = "cycle"
 PART_WORDS = BY_NAME["cycle_data_16"].number - BY_NAME["cycle_data_1"].number + 1
 WORD_BYTES = 4
-# Objects on which the meaning of the numbers in a program depends.
-# The object SCALE is compared separately, with a tolerance.
+# Objects on which the meaning of the numbers in a cycle program depends.
+# The object SCALE also belongs to them, but it is compared separately, with a tolerance.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 SCALE = "force_scale"
-# largest relative difference between force_scale of the axis and of the model
+# largest relative difference between force_scale of the axis and force_scale of the model
 FORCE_SCALE_TOLERANCE = 0.01
 ENDED = ("good", "bad", "aborted")
-# longest time in s to store programs, including the time to erase a flash sector
+# longest time in s for storing cycle programs, including the time to erase a flash sector
 STORE_MAX_S = 15.0
 PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends
 
 
 @dataclass(frozen=True)
 class LiveProgram:
-    """The program of a press cycle, and the experiment that describes the axis for which it was
+    """A cycle program, and the experiment that describes the axis for which the program was
     made."""
 
     experiment: Path
@@ -47,15 +47,15 @@ class LiveProgram:
 
 @dataclass(frozen=True)
 class LoadedProgram:
-    """A program of a press cycle that an axis has accepted and selected."""
+    """A cycle program that an axis has accepted and selected."""
 
     program: str  # path of the program file
     title: str
     number: int
-    crc: str  # CRC of the program as 8 hexadecimal digits
+    crc: str  # CRC of the cycle program as 8 hexadecimal digits
     size_bytes: int
-    programs: int  # number of programs that the axis now contains
-    store: str  # "stored"; or "no_memory" or "failed", if a power cut would delete the program
+    programs: int  # number of cycle programs that the axis now contains
+    store: str  # "stored"; "no_memory" or "failed" if a power cut would delete the cycle program
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class StoreObjects:
 
 @dataclass(frozen=True)
 class PartObjects(StatusObjects):
-    """Objects about the cycle while a part is pressed."""
+    """Objects of the axis about the running cycle in which a part is pressed."""
 
     cycle_state: str
     cycle_number: int  # number of the part that was pressed last
@@ -79,9 +79,9 @@ class PartObjects(StatusObjects):
 def live_program(
     experiment: Path, overrides: Sequence[str] = (), program: Path | None = None
 ) -> LiveProgram:
-    """Returns the program of the press cycle of an experiment. `program`: file of another program
-    for the same axis, or None. Raises InputError. A program with the number 0 also raises
-    InputError, because an axis cannot store it."""
+    """Returns the cycle program of an experiment. `program`: file of another cycle program for the
+    same axis, or None. Raises InputError, also for a program with the number 0, because an axis
+    cannot store it."""
     given = overrides_of(overrides, program)
     compiled = read_program(experiment, given)
     if compiled.number == 0:
@@ -93,8 +93,8 @@ def live_program(
 
 
 def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
-    """Raises Refused if the axis differs from the experiment in an object on which the meaning of
-    the numbers in the program depends."""
+    """Raises Refused if the axis and the experiment differ in an object on which the meaning of the
+    numbers in the cycle program depends."""
     given = _core.inputs(wanted.experiment, list(wanted.overrides))["firmware"]
     own = {n: given.get(n, BY_NAME[n].default * BY_NAME[n].scale) for n in (*SCALING, SCALE)}
     for name in SCALING:
@@ -115,9 +115,9 @@ def expect_same_axis(axis: Drive, wanted: LiveProgram) -> None:
 
 
 def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
-    """Downloads a program to an axis that this program owns and that is disabled, and selects the
-    program. An earlier program with the same number is replaced. Raises Refused with the reason;
-    the axis then has the same programs as before. Also raises NoAnswer."""
+    """Downloads a cycle program to an axis that is disabled and that this client owns, and selects
+    it. It replaces an earlier program with the same number. Raises Refused with the reason; the
+    axis then has the same programs as before. Also raises NoAnswer."""
     expect_same_axis(axis, wanted)
     record = wanted.program.record
     for offset in range(0, len(record), PART_WORDS * WORD_BYTES):
@@ -156,8 +156,8 @@ def load(axis: Drive, wanted: LiveProgram) -> LoadedProgram:
 
 
 def expect_readable(axis: Drive) -> None:
-    """Raises Refused if the curve of a cycle could not be read afterwards. Call this function
-    before the cycle."""
+    """Raises Refused if the axis would not permit to read the curve after a cycle. Call this
+    function before the cycle."""
     disturbance = axis.link.disturbance()
     if disturbance:
         raise Refused(disturbance)
@@ -166,7 +166,8 @@ def expect_readable(axis: Drive) -> None:
 def wait_stored(axis: Drive) -> str:
     """Waits until a disabled axis has stored its programs and its counts of parts. Returns its
     `cycle_store_state`. Raises Refused, NoAnswer."""
-    axis.link.wait(POLL_PERIOD_S)  # the axis needs some ticks to detect that data have to be stored
+    # The axis needs some ticks until it detects that data have to be stored.
+    axis.link.wait(POLL_PERIOD_S)
     return axis.wait_for(
         StoreObjects,
         lambda now: now.cycle_store_state != "waiting",
@@ -176,13 +177,13 @@ def wait_stored(axis: Drive) -> str:
 
 
 def select(axis: Drive, wanted: LiveProgram) -> None:
-    """Selects the program `wanted` in an axis that this program owns, unless it is already
-    selected. After a power-up, no program is selected. Raises Refused if the axis does not contain
+    """Selects the cycle program `wanted` in an axis that this client owns, unless it is already
+    selected. No program is selected after a power-up. Raises Refused if the axis does not contain
     the program `wanted`. In this case, the selection does not change."""
     crc = axis.integer("cycle_program_crc")
     if crc != wanted.program.crc:
         before = axis.integer("cycle_program")
-        with contextlib.suppress(Refused):  # the axis contains no program with this number
+        with contextlib.suppress(Refused):  # the axis contains no cycle program with this number
             axis.link.write({"cycle_program": wanted.program.number})
             if axis.integer("cycle_program_crc") == wanted.program.crc:
                 return
@@ -196,10 +197,10 @@ def select(axis: Drive, wanted: LiveProgram) -> None:
 
 
 def start(axis: Drive, wanted: LiveProgram, timeout_s: float = PART_TIMEOUT_S) -> str | None:
-    """Runs one cycle with the program `wanted`, which the axis must contain. This program must own
-    the axis. All limits of the axis apply, and the axis is disabled at the end. Returns the fault
-    that has ended the cycle, or None. Raises Refused if no cycle starts, and NoAnswer if the cycle
-    does not end within `timeout_s`."""
+    """Runs one cycle with the cycle program `wanted`. The axis must contain this program, and this
+    client must own the axis. All limits of the axis apply, and the axis is disabled at the end.
+    Returns the fault that has ended the cycle, or None. Raises Refused if no cycle starts, and
+    NoAnswer if the cycle does not end within `timeout_s`."""
     expect_same_axis(axis, wanted)
     select(axis, wanted)
     wait_stored(axis)

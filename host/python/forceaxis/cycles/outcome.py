@@ -1,4 +1,5 @@
-"""Outcome of the cycle of one part. Error rates and proposed bounds are computed from outcomes."""
+"""Outcome of the press cycle of one part. Error rates and proposed bounds are computed from such
+outcomes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ if TYPE_CHECKING:
 
 GOOD, BAD, ABORTED = "good", "bad", "aborted"
 BY_PROGRAM = "by_program"
-# Verdicts of an evaluation element that has found a value.
-# Only the verdicts on a value depend on the bounds.
+# Verdicts of an evaluation element that has found a value in the curve.
+# Only these verdicts depend on the bounds of the evaluation element.
 MEASURED = ("good", "below", "above")
 
 
@@ -21,7 +22,8 @@ class PartOutcome:
     """Outcome of the cycle of one part. If the simulation has failed, only the field `error` is
     set."""
 
-    state: str = ""  # state of the cycle: good, bad, aborted, or the reason why there is no verdict
+    # result of the cycle: good, bad, aborted, or the reason why there is no verdict
+    state: str = ""
     outcome: str = ""  # text that says how the cycle ended
     failed_phase: str = ""
     verdicts: Sequence[str] = ()  # verdict on each evaluation element
@@ -30,18 +32,18 @@ class PartOutcome:
 
     @property
     def is_judged(self) -> bool:
-        """True if the part has the verdict good or bad. This is not so if the cycle was aborted or
+        """True if the part has the verdict good or bad. It has neither if the cycle was aborted or
         has no result."""
         return self.state in (GOOD, BAD)
 
     @property
     def is_within_limits(self) -> bool:
-        """True if the cycle ended in the way that its program intends."""
+        """True if the cycle ended as its program intends, and not at a limit or by a stop."""
         return self.outcome == BY_PROGRAM
 
     def is_good_by(self, elements: Sequence[Element], moved: Sequence[int]) -> bool:
-        """Returns True if the part would be good with the bounds of `elements`. `moved` are the
-        indices of the evaluation elements whose bounds differ from those of the simulation."""
+        """Returns True if the part would be good with the bounds of `elements`. `moved`: indices of
+        the evaluation elements whose bounds are not those of the simulation."""
         return (
             self.is_judged
             and self.is_within_limits

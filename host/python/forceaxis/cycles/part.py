@@ -1,5 +1,5 @@
-"""Simulates the cycle of one part. The result has the verdict on the part, the values of the
-evaluation elements, and time and reason of the end of each phase."""
+"""Simulates the press cycle of one part. The result has the verdict on the part, the values of the
+evaluation elements, and the start, the end and the reason for the end of each phase."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,23 +21,24 @@ from forceaxis.experiments import run as runs
 from forceaxis.experiments.run_result import Array, CycleReport
 from forceaxis.experiments.summary import CYCLE_OUTCOMES
 
-# Objects of the firmware that must be traced, because timeline() needs them.
+# Objects of the firmware that a simulation must trace, because timeline() needs their values.
 TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
 RUNNING = 1  # value of the object cycle_state while a cycle runs
-SLACK = 1e-9  # tolerance, in N or m, for the rounding of a level with decimals
+# tolerance, in N or m, for rounding errors of a level that the file states with decimals
+SLACK = 1e-9
 # verdicts of an evaluation element that has found no value
 NOTHING_FOUND = ("none", "not reached", "aborted")
 
 
 @dataclass(frozen=True)
 class ElementFigure:
-    """The result of an evaluation element, with its bounds in `unit`. The bounds of a window or of
-    an envelope are not single numbers. They are not included here."""
+    """The result of an evaluation element, with its bounds in `unit`. Windows and envelopes have
+    bounds that are not single numbers, and these bounds are not included."""
 
     name: str
     kind: str
     verdict: str
-    value: float | None  # value in `unit`; None if the element has found no value
+    value: float | None  # value in `unit`; None if the evaluation element has found no value
     unit: str
     least: float | None
     most: float | None
@@ -45,18 +46,18 @@ class ElementFigure:
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """One phase of a cycle: when it began and ended, and why it ended."""
+    """One phase of a press cycle: when it began and ended, and why it ended."""
 
     name: str
     begin_s: float
     end_s: float
-    # reason why the phase ended: the fulfilled condition, the exceeded limit, or "stopped"
+    # reason for the end of the phase: a fulfilled condition, an exceeded limit, or "stopped"
     why: str
 
 
 @dataclass(frozen=True)
 class PartResult:
-    """The result of the cycle of one part."""
+    """The result of the press cycle of one part."""
 
     experiment: str
     program: str
@@ -65,7 +66,8 @@ class PartResult:
     outcome: str  # text that says how the cycle ended
     # name of the phase that failed; empty if the cycle ended as its program intends
     failed_phase: str
-    invalid_ticks: int  # number of ticks in evaluated phases whose sample is not valid
+    # number of ticks in evaluated phases whose sample of force and travel is not valid
+    invalid_ticks: int
     elements: list[ElementFigure]
     phases: list[PhaseSpan]
     fault: str
@@ -74,21 +76,22 @@ class PartResult:
 
 @dataclass(frozen=True)
 class Curve:
-    """The curve of a cycle, with the values that its evaluation elements use. Each array has one
-    value for each sample."""
+    """The curve of a press cycle: time, travel, force and phase, as the evaluation elements use
+    them. Each array has one value for each sample."""
 
-    # time since the start of the simulation; on a real axis, since the start of the cycle
+    # time in s since the start of the simulation; on a real axis, since the start of the cycle
     time_s: Array
-    travel_m: Array  # travel from travel 0 of the program, minus the deflection of the press
-    force_N: Array  # measured force minus the offset of a tare
-    phase: NDArray[np.int64]  # number of the phase to which the sample belongs
+    # travel in m from travel 0 of the cycle program, minus the deflection of the press
+    travel_m: Array
+    force_N: Array  # measured force in N, minus the offset that a tare in the cycle has measured
+    phase: NDArray[np.int64]  # number of the phase of the cycle to which the sample belongs
 
 
 @dataclass(frozen=True)
 class TickCurve(Curve):
     """The curve of the last cycle of a simulation, with a sample for every tick."""
 
-    # number, from 1, of the condition that ended a phase in this tick; 0 if no condition ended it
+    # number, from 1, of the condition that ended a phase in this tick; 0 if no phase ended
     ended_by: NDArray[np.int64]
 
 
@@ -106,8 +109,8 @@ class PartPicture:
 
 @dataclass(frozen=True)
 class PartRun:
-    """The simulation of one part: result, curve and program. The curve is None if no cycle was
-    started."""
+    """The simulation of one part: result, curve and cycle program. The curve is None if no cycle
+    was started."""
 
     result: PartResult
     report: CycleReport
@@ -116,8 +119,8 @@ class PartRun:
 
 
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
-    """Simulates the cycle of one part. `program`: file of a program that replaces the program of
-    the experiment, or None. Raises InputError."""
+    """Simulates the press cycle of one part. `program`: file of a cycle program that replaces that
+    of the experiment, or None. Raises InputError."""
     given = with_program(overrides, program)
     known = read_program(experiment, given)
     done = runs.run(experiment, given, text=_traced(experiment))
@@ -141,8 +144,7 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
 
 
 def _traced(experiment: Path) -> str:
-    """Returns the text of an experiment file, changed so that the objects TRACED are also
-    traced."""
+    """Returns the text of an experiment file with a change: the objects TRACED are also traced."""
     import tomlkit
 
     table = toml.read(experiment)
@@ -150,7 +152,7 @@ def _traced(experiment: Path) -> str:
     wanted = list(dict.fromkeys([*table.get("trace", {}).get("objects", []), *TRACED]))
     try:
         document = tomlkit.parse(text)
-    # tomlkit may refuse a text that the TOML reader for experiments accepts
+    # tomlkit may refuse a text that the usual TOML reader of experiments accepts.
     except tomlkit.exceptions.ParseError as error:
         raise InputError(
             f"{experiment}: file: expected TOML that can be edited, got: {error}"
@@ -186,8 +188,8 @@ def _figures(report: CycleReport, program: Program) -> list[ElementFigure]:
 
 
 def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
-    """Returns the first and the last tick of the last cycle. The tick in which the cycle ends is
-    included."""
+    """Returns the numbers of the first and of the last tick of the last cycle. The last tick is the
+    one in which the cycle ends."""
     running = np.flatnonzero(done.columns["cycle_state"] == RUNNING)
     if not running.size:
         return None
@@ -197,14 +199,15 @@ def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
 
 
 def _curve(done: runs.Run, program: Program) -> TickCurve | None:
-    """Returns the curve of the last cycle in a simulation."""
+    """Returns the curve of the last press cycle in a simulation."""
     begin, end = _last_cycle(done) or (0, 0)
     if begin == end:
         return None
-    inside = slice(begin + 1, end + 1)  # the traced values of a tick are those after the tick
+    # The traced values of a tick are the values after the computation of this tick.
+    inside = slice(begin + 1, end + 1)
     converters = done.result.converters
-    # A traced phase is the one after the tick.
-    # Therefore the phase of a sample is that of the previous tick.
+    # The traced phase of a tick is the phase after this tick.
+    # Therefore the phase to which a sample belongs is the traced phase of the previous tick.
     phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")
@@ -225,7 +228,7 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
 def _without_offset(
     program: Program, force: Array, phase: NDArray[np.int64], ended_by: NDArray[np.int64]
 ) -> Array:
-    """Returns the force of each sample minus the offset that the last tare before this sample has
+    """Returns the force of each sample minus the offset that the last tare before the sample has
     measured."""
     found = force.copy()
     for start, end in _pieces(phase):
@@ -247,15 +250,15 @@ def _deflection(program: Program, force: Array) -> Array:
 
 
 def _pieces(phase: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Returns a pair for each phase that ran: index of its first sample, and index after its last
-    sample."""
+    """Returns the sample range of each phase that ran, as a pair: index of its first sample, and
+    index after its last sample."""
     starts = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist()]
     return list(zip(starts, [*starts[1:], len(phase)], strict=True))
 
 
 def _is_at_zero(program: Program, force: Array, contact: Array) -> NDArray[np.bool_]:
-    """Returns for each sample True if the condition for travel 0 is fulfilled. This condition is a
-    contact or a force."""
+    """Returns, for each sample, True if it fulfils the condition that defines travel 0. The
+    condition is a contact or a force."""
     if program.zero == "touch" or program.zero_at is None:
         return np.asarray(contact != 0)
     sign = 1.0 if program.zero_at > 0 else -1.0
@@ -297,6 +300,6 @@ def short(name: str) -> str:
 
 
 def phase_samples(element: Element, program: Program, curve: Curve) -> NDArray[np.bool_]:
-    """Returns for each sample of a curve True if an evaluation element uses it."""
+    """Returns, for each sample of a curve, True if an evaluation element uses this sample."""
     numbers = [i for i, phase in enumerate(program.phases) if phase.name in element.phases]
     return np.isin(curve.phase, numbers)

@@ -1,5 +1,5 @@
-"""Reads a parts file and draws random parts from it. The file describes kinds of parts. The
-parameters of each kind have probability distributions.
+"""Reads a parts file and draws random parts from it. The file describes several kinds of parts by
+probability distributions of their parameters.
 
 A part consists of the values of its parameters and the seed of its measurement noise. The values of
 part number i of a group depend only on the seed, the name of the group and i. The part is therefore
@@ -24,7 +24,7 @@ from forceaxis.experiments.points import SweepParameter, check_names, tidy, unit
 from forceaxis.experiments.sweep_result import Row
 from forceaxis.words import suggestion
 
-# name of the override for the seed of the measurement noise; each part has its own seed
+# override that sets the seed of the measurement noise; each part has its own seed
 NOISE_SEED = "experiment.seed"
 NOISE_SEED_MOST = 2**31 - 1
 
@@ -90,8 +90,9 @@ FILE_KEYS, _, KIND_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 @dataclass(frozen=True)
 class Distribution:
-    """The distribution of one parameter, in the unit of the parameter. It is a fixed value (`least`
-    equals `most`), a uniform distribution, or a normal distribution within limits."""
+    """The probability distribution of one parameter, in the unit of the parameter. It is a fixed
+    value (`least` equals `most`), a uniform distribution, or a normal distribution within
+    limits."""
 
     least: float
     most: float
@@ -113,7 +114,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of parts. Its parts have parameters with the same distributions."""
+    """A kind of parts: all parts whose parameters have the same probability distributions."""
 
     name: str
     weight: float
@@ -127,13 +128,13 @@ class Parts:
     file: Path
     title: str
     kinds: list[Kind]
-    # names of all parameters with a distribution, in the order of the file
+    # names of all parameters with a distribution, in the order of the parts file
     names: list[str] = field(default_factory=list)
 
 
 def read_parts(file: Path, experiment: Path, overrides: Sequence[str] = ()) -> Parts:
-    """Reads a parts file. Checks its parameters with the experiment to which they belong. Raises
-    InputError with file, key and the expected value."""
+    """Reads a parts file, and checks its parameters with the experiment to which they belong.
+    Raises InputError with file, key and the expected value."""
     table = toml.read(file)
 
     def fail(key: str, message: str) -> NoReturn:
@@ -184,19 +185,19 @@ def _is_number(value: Any) -> bool:
 
 
 def _values(given: Any, where: str, inputs: Inputs, fail: Fail) -> dict[str, Distribution]:
-    """Returns {parameter: distribution} for a table [set] of a parts file."""
+    """Returns {parameter: distribution} for one table [set] of a parts file."""
     if not isinstance(given, dict):
         fail(where, f"expected a table of parameters, each {SHAPES}")
     flat: dict[str, Any] = {}
     for name, value in given.items():
-        # In TOML, firmware.force_gain = 5 is a table `firmware` with the key `force_gain`.
+        # In TOML, the line firmware.force_gain = 5 is a table `firmware` with the key `force_gain`.
         inner = name in ("firmware", "experiment", "verdict") and isinstance(value, dict)
         flat |= {f"{name}.{key}": v for key, v in value.items()} if inner else {name: value}
     return {name: _distribution(name, v, where, inputs, fail) for name, v in flat.items()}
 
 
 def _distribution(name: str, given: Any, where: str, inputs: Inputs, fail: Fail) -> Distribution:
-    """Returns the distribution of one parameter from its value in a parts file."""
+    """Returns the distribution of one parameter from the value that the parts file has for it."""
     key = f"{where}.{name}"
     if name == NOISE_SEED:
         fail(key, "expected no seed, because each part has its own; remove it and give `seed`")
@@ -232,8 +233,8 @@ def _distribution(name: str, given: Any, where: str, inputs: Inputs, fail: Fail)
 
 
 def _check_normal(drawn: Distribution, key: str, fail: Fail) -> None:
-    """Refuses a standard deviation that is not above 0. Also refuses limits between which the
-    normal distribution has nearly no probability."""
+    """Raises InputError for a standard deviation that is not above 0. Also raises it for limits
+    between which the normal distribution has nearly no probability."""
     assert drawn.deviation is not None
     if drawn.deviation <= 0:
         fail(f"{key}.deviation", "expected more than 0; give one value for a fixed parameter")
@@ -246,14 +247,14 @@ def _check_normal(drawn: Distribution, key: str, fail: Fail) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """A part: its kind, and the overrides with which it is simulated."""
+    """A simulated part: its kind, and the overrides with which it is simulated."""
 
     kind: str
     values: Row
 
 
 def stream(seed: int, group: str, number: int) -> np.random.Generator:
-    """Returns the generator of random numbers for one part. `number`: number of the part in its
+    """Returns the random number generator of one part. `number`: number of the part in its
     group."""
     digest = hashlib.sha256(group.encode()).digest()
     key = (int.from_bytes(digest[:4], "little"), number)
@@ -261,8 +262,8 @@ def stream(seed: int, group: str, number: int) -> np.random.Generator:
 
 
 def draw(kinds: Sequence[Kind], group: str, seed: int, number: int) -> Part:
-    """Draws one part. `number`: number of the part in its group. The probability of each kind is
-    proportional to its weight."""
+    """Draws one part at random. `number`: number of the part in its group. The probability of each
+    kind of parts is proportional to its weight."""
     random = stream(seed, group, number)
     noise, choice = int(random.integers(NOISE_SEED_MOST)), random.random()
     weights = np.cumsum([kind.weight for kind in kinds])

@@ -17,7 +17,7 @@ GOOD_COLOUR, BAD_COLOUR = VERDICT["stable"], VERDICT["unstable"]
 
 
 def part(done: PartRun) -> Figure:
-    """Returns the plot of a simulated part that has a curve."""
+    """Returns the plot of a simulated part, whose simulation must have a curve."""
     assert done.curve is not None
     found = done.result
     return draw(
@@ -28,8 +28,8 @@ def part(done: PartRun) -> Figure:
 
 
 def draw(done: PartPicture) -> Figure:
-    """Returns the plot of a part. The upper diagram shows evaluation elements over travel, the
-    lower diagram those over time."""
+    """Returns the plot of a part with two diagrams. The upper one shows the evaluation elements
+    over travel, and the lower one those over time."""
     figure, (over_travel, over_time) = plt.subplots(2, 1, figsize=(7.2, 6.4), height_ratios=(3, 2))
     for ax, unit in ((over_travel, "travel, mm"), (over_time, "time, s")):
         style(ax)
@@ -64,7 +64,7 @@ def _draw_curve(ax: Axes, done: PartPicture) -> None:
     for number, phase in enumerate(done.program.phases):
         inside = curve.phase == number
         if inside.any():
-            # the line of a phase ends at the first sample of the next phase
+            # The line of a phase ends at the first sample of the next phase, without a gap.
             inside[1:] |= inside[:-1]
             force = np.where(inside, curve.force_N, np.nan)
             ax.plot(
@@ -135,7 +135,8 @@ def _draw_element(ax: Axes, done: PartPicture, element: Element, verdict: str) -
 def _draw_crossing(
     ax: Axes, element: Element, begin: float, scale: float, verdict: str, colour: str
 ) -> None:
-    """Draws a bar between two bounds. The curve must cross a level of force within this bar."""
+    """Draws a bar between the two bounds of a crossing. The curve must cross a level of force
+    within this bar."""
     level = element.level
     assert level is not None
     edges = [e for e in (element.least, element.most) if e is not None]
@@ -149,8 +150,8 @@ def _draw_crossing(
 def _shade(
     ax: Axes, curve: Curve, element: Element, inside: np.ndarray, verdict: str, colour: str
 ) -> None:
-    """Shades the area below the curve for an evaluation element of the kind "work", and writes its
-    name. Does nothing for other elements."""
+    """Shades the area below the curve for an evaluation element of the kind "work", and writes the
+    name of this element. Does nothing for an element of another kind."""
     if element.kind != "work" or not inside.any():
         return
     x = curve.travel_m[inside] * MM if element.over != "time" else curve.time_s[inside]
@@ -170,8 +171,8 @@ def _label(
     colour: str,
     offset: float = 3,
 ) -> None:
-    """Writes name, bounds and verdict of an evaluation element above a mark. With a negative
-    `offset`, in points, the text is below the mark. `ends_x`: both ends of the mark."""
+    """Writes name, bounds and verdict of an evaluation element above a mark in the plot. With a
+    negative `offset`, in points, the text is below the mark. `ends_x`: both ends of the mark."""
     text = short(element.name)
     if not element.is_shape:
         scale, unit = (MM, "mm") if element.unit == "m" else (1.0, element.unit)

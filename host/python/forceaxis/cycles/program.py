@@ -1,4 +1,4 @@
-"""The program of a press cycle, as its file describes it: phases, conditions that end them, and
+"""The program of a press cycle in the form of its file: phases, conditions that end them, and
 bounds of evaluation elements.
 
 The compiled module _core reads and checks the file. The functions of this module convert values of
@@ -19,8 +19,8 @@ from forceaxis.experiments.summary import quantity
 
 __all__ = ["Element", "End", "Phase", "Program"]
 
-KEY = "experiment.cycle"  # name of the override that replaces the program of an experiment
-# A value and a bound are regarded as equal up to this relative difference.
+KEY = "experiment.cycle"  # name of the override that replaces the cycle program of an experiment
+# A value and a bound count as equal up to this relative difference.
 SAME = 1e-10
 
 
@@ -38,14 +38,14 @@ def is_within(element: Element, value: float) -> bool:
 
 
 def with_program(overrides: Sequence[str], program: Path | None) -> list[str]:
-    """Adds the override that selects another program than that of the experiment. `program`: file
-    of this program, or None for no change."""
+    """Adds the override that replaces the cycle program of an experiment. `program`: file of the
+    new program, or None for no change."""
     return [*overrides, *([] if program is None else [f"{KEY}={program.resolve()}"])]
 
 
 def read_program(experiment: Path, overrides: Sequence[str] = ()) -> Program:
-    """Returns the program of the press cycle of an experiment. Raises InputError if the experiment
-    has no program or if the program has a mistake."""
+    """Returns the cycle program of an experiment. Raises InputError if the experiment has no cycle
+    program or if the program has an error."""
     return _core.cycle_program(experiment, list(overrides))
 
 
@@ -60,7 +60,7 @@ def number(value: Any, unit: str) -> float | None:
 
 
 def unit_of_text(value: Any) -> str:
-    """Returns the unit of a quantity, as it is written in the file. Returns an empty text for a
-    number."""
+    """Returns the unit of a quantity as the file writes it. Returns an empty text for a number
+    without unit."""
     found = re.fullmatch(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(.*?)\s*", str(value))
     return found[1] if found else ""

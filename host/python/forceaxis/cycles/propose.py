@@ -1,5 +1,5 @@
-"""Proposes bounds for the evaluation elements of a program from the values of good parts. With
-these bounds, the program refuses a given fraction of later good parts.
+"""Proposes bounds for the evaluation elements of a cycle program from the values of good parts.
+With these bounds, the program refuses a given fraction of later good parts.
 
 The bounds are computed by statistically equivalent blocks (Tukey 1947). The parts are removed one
 by one. The bounds take turns: each removes the part that is then the most extreme on its side,
@@ -33,14 +33,15 @@ from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.points import tidy
 
 RATE_LEAST, RATE_MOST = 1e-5, 0.5
-# Reasons why the bounds of an evaluation element do not change.
+# Reasons why a proposal does not change the bounds of an evaluation element.
 LEFT_SHAPE = "its bounds are a shape and no number"
 LEFT_OPEN = "the program gives it no bound"
 
 
 @dataclass(frozen=True)
 class Side:
-    """One bound that a proposal changes. `key` is "least" or "most" of the evaluation element."""
+    """One bound that a proposal changes. `key`: "least" or "most", the lower or the upper bound of
+    the evaluation element."""
 
     element: int  # index of the evaluation element
     key: str
@@ -48,7 +49,8 @@ class Side:
 
 @dataclass(frozen=True)
 class MovedBounds:
-    """The bounds of one evaluation element before and after a proposal, in `unit`."""
+    """The bounds of one evaluation element before and after they were changed by a proposal, in
+    `unit`."""
 
     name: str
     unit: str
@@ -60,7 +62,7 @@ class MovedBounds:
 
 @dataclass(frozen=True)
 class LeftElement:
-    """An evaluation element whose bounds a proposal does not change, with the reason."""
+    """An evaluation element whose bounds the proposal does not change, with the reason."""
 
     name: str
     kind: str
@@ -69,7 +71,7 @@ class LeftElement:
 
 @dataclass(frozen=True)
 class ProposedPasses:
-    """The fraction of the parts of one bad kind that are accepted with the proposed bounds."""
+    """The fraction of bad parts of one kind that the proposed bounds accept."""
 
     name: str
     passed: Share
@@ -77,28 +79,28 @@ class ProposedPasses:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Proposed bounds for the evaluation elements of a program, and the expected fraction of
-    refused parts."""
+    """Proposed bounds for the evaluation elements of a cycle program, and the expected fraction of
+    refused good parts."""
 
-    program: str  # path of the program file that was written
-    rate: float  # requested fraction of good parts that the program refuses
+    program: str  # path of the file to which the changed cycle program was written
+    rate: float  # requested fraction of good parts that the changed program refuses
     parts: int  # number of good parts from which the bounds were computed
-    # number of good parts that are refused for any bounds, because of other elements or limits
+    # number of good parts that other elements or limits refuse, whatever the proposed bounds are
     refused_anyway: int
-    expected: float  # expected fraction of later good parts that the program refuses
+    expected: float  # expected fraction of later good parts that the changed program refuses
     # lower end of the 95 % range of the fraction of later good parts that the program refuses
     low: float
-    high: float  # upper end of the 95 % range of this fraction
+    high: float  # upper end of the 95 % range of the fraction of refused later good parts
     bounds: list[MovedBounds]
     left: list[LeftElement]
     bad: list[ProposedPasses]
-    # fraction of all bad parts that are accepted; the kinds are weighted by their frequency
+    # fraction of all bad parts that the changed program accepts; each kind weighted by frequency
     bad_passed: float | None
 
 
 @dataclass(frozen=True)
 class Target:
-    """The file to which a proposed program is written, and the experiment with which it is
+    """The file to which a changed cycle program is written, and the experiment with which it is
     checked."""
 
     file: Path
@@ -107,7 +109,7 @@ class Target:
 
 
 def sides_of(program: Program) -> list[Side]:
-    """Returns the bounds that a proposal changes, in the order of the program file."""
+    """Returns the bounds that a proposal changes, in the order of the file of the cycle program."""
     return [
         Side(i, key)
         for i, element in enumerate(program.elements)
@@ -118,7 +120,7 @@ def sides_of(program: Program) -> list[Side]:
 
 
 def left_of(program: Program) -> list[LeftElement]:
-    """Returns the evaluation elements that a proposal does not change."""
+    """Returns the evaluation elements whose bounds a proposal does not change."""
     moved = {side.element for side in sides_of(program)}
     return [
         LeftElement(e.name, e.kind, LEFT_SHAPE if e.is_shape else LEFT_OPEN)
@@ -128,8 +130,8 @@ def left_of(program: Program) -> list[LeftElement]:
 
 
 def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
-    """Returns True if a part is refused for any bounds of the evaluation elements with the indices
-    `moved`."""
+    """Returns True if a part is refused whatever the bounds of the evaluation elements with the
+    indices `moved` are."""
     return not outcome.is_within_limits or any(
         verdict not in MEASURED if i in moved else verdict != GOOD
         for i, verdict in enumerate(outcome.verdicts)
@@ -139,8 +141,8 @@ def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
 def bounds_by_blocks(
     values: NDArray[np.float64], sides: Sequence[tuple[int, int]], take: int
 ) -> list[float]:
-    """Returns the bound of each side, which is the value of the last part that was removed on this
-    side.
+    """Returns the bound for each side of the evaluation elements: the value of the last part that
+    was removed on this side.
 
     values: values of the parts, with one row for each part and one column for each evaluation
     element. sides: pairs of the column and 1 for a lower bound or -1 for an upper bound. take:
@@ -151,7 +153,7 @@ def bounds_by_blocks(
     parts = len(values)
     keyed = [sign * values[:, column] for column, sign in sides]
     orders = [np.argsort(key, kind="stable") for key in keyed]
-    # for each side: position of the next part when the parts are sorted by their values
+    # for each side: position of the next part in the list of parts that is sorted by their values
     places = [0] * len(sides)
     last = [-1] * len(sides)  # for each side: part whose value is the bound
     taken = np.zeros(parts, dtype=bool)
@@ -165,7 +167,7 @@ def bounds_by_blocks(
         before, last[side] = last[side], part
         taken[part] = True
         if before < 0 or key[part] > key[before]:
-            # All parts with smaller values, in this order, are beyond the bound.
+            # All parts with smaller values, in the order of this side, are beyond the bound.
             begin = 0 if before < 0 else int(np.searchsorted(key[order], key[before]))
             end = int(np.searchsorted(key[order], key[part]))
             beyond[order[begin:end]] = True
@@ -182,8 +184,8 @@ def bounds_by_blocks(
 
 
 def check(program: Program, parts: int, rate: float) -> None:
-    """Raises ParameterError or InputError if no bounds can be proposed from this number of good
-    parts."""
+    """Raises ParameterError or InputError if no bounds can be proposed, because there are too few
+    good parts."""
     if not RATE_LEAST <= rate <= RATE_MOST:
         raise ParameterError(
             "propose", f"expected a share from {RATE_LEAST:g} to {RATE_MOST:g}, got {rate:g}"
@@ -204,9 +206,9 @@ def check(program: Program, parts: int, rate: float) -> None:
 
 
 def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> tuple[Program, int]:
-    """Returns the program with proposed bounds, which refuse the fraction `rate` of good parts.
-    Also returns the number of parts that are refused for any bounds. Raises ParameterError or
-    InputError."""
+    """Returns the cycle program with proposed bounds, which refuse the fraction `rate` of good
+    parts. Also returns the number of parts that are refused whatever these bounds are. Raises
+    ParameterError or InputError."""
     judged = [outcome for outcome in outcomes if outcome.is_judged]
     check(program, len(judged), rate)
     sides = sides_of(program)
@@ -223,8 +225,8 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
             f"they refuse {anyway} of {len(judged)} good parts whatever the bounds; widen them, "
             f"give a larger share{more}",
         )
-    # A value is a number of counts times a factor.
-    # After rounding to 12 digits, equal counts give equal values.
+    # A measured value is a number of counts times a factor.
+    # Values of equal counts are equal after they have been rounded to 12 digits.
     values = np.array([[tidy(outcome.values[i]) for i in moved] for outcome in rest])
     columns = [(moved.index(side.element), 1 if side.key == "least" else -1) for side in sides]
     found = bounds_by_blocks(values, columns, take)
@@ -248,9 +250,9 @@ def proposed(program: Program, outcomes: Sequence[PartOutcome], rate: float) -> 
 def propose(
     done: Rates, rate: float, file: Path, experiment: Path, overrides: Sequence[str]
 ) -> Proposal:
-    """Writes the program of `done` with proposed bounds to `file`. The bounds refuse the fraction
-    `rate` of good parts. The file is either complete or not written. Raises ParameterError or
-    InputError."""
+    """Writes the cycle program of `done` with proposed bounds to `file`. The bounds refuse the
+    fraction `rate` of good parts. The file is written completely or not at all. Raises
+    ParameterError or InputError."""
     target = Target(file, experiment, overrides)
     return propose_from(done.program, done.good.outcomes, rate, target, done.bad)
 
@@ -262,9 +264,9 @@ def propose_from(
     target: Target,
     bad_groups: Sequence[Group] = (),
 ) -> Proposal:
-    """Writes the program `old` with proposed bounds to the file of `target`. The bounds refuse the
-    fraction `rate` of good parts. `outcomes`: outcomes of good parts. The file is either complete
-    or not written. Raises ParameterError or InputError."""
+    """Writes the cycle program `old` with proposed bounds to the file of `target`. The bounds
+    refuse the fraction `rate` of good parts. `outcomes`: outcomes of good parts. The file is
+    written completely or not at all. Raises ParameterError or InputError."""
     program, anyway = proposed(old, outcomes, rate)
     moved = sorted({side.element for side in sides_of(program)})
     parts = sum(outcome.is_judged for outcome in outcomes)
@@ -299,14 +301,15 @@ def propose_from(
 
 
 def edited(text: str, program: Program) -> str:
-    """Returns the text of a program file, changed to the bounds of `program`. Comments and all
-    other keys do not change. Each bound keeps its unit. Raises InputError."""
+    """Returns the text of a file with a cycle program, in which the bounds are replaced by those of
+    `program`. Comments and all other keys do not change. Each bound keeps its unit. Raises
+    InputError."""
     import tomlkit
 
     crlf = text.count("\r\n") == text.count("\n") > 0
     try:
         document: Any = tomlkit.parse(text.replace("\r\n", "\n") if crlf else text)
-    # tomlkit may refuse a text that the TOML reader for programs accepts
+    # tomlkit may refuse a text that the usual TOML reader of cycle programs accepts.
     except tomlkit.exceptions.ParseError as error:
         raise InputError(
             f"{program.file}: file: expected TOML that can be edited, got: {error}"
@@ -320,8 +323,8 @@ def edited(text: str, program: Program) -> str:
 
 
 def _written(bound: float, element: Element, before: Any) -> float | str:
-    """Returns a bound in the form for the file: a number, or a quantity in the unit of the earlier
-    bound. It has as many digits as the value needs."""
+    """Returns a new bound in the form of the old one: a number, or a quantity in the same unit. It
+    has as many digits as the value needs."""
     unit = unit_of_text(before) if isinstance(before, str) else ""
     if not unit:
         return tidy(bound)
@@ -335,8 +338,8 @@ def _written(bound: float, element: Element, before: Any) -> float | str:
 
 
 def _write(old: Program, new: Program, target: Target) -> None:
-    """Writes a program file with changed bounds. The compiled module _core reads the new file as a
-    check before it replaces an old file."""
+    """Writes a file with a cycle program whose bounds have changed. The compiled module _core reads
+    the new file as a check before it replaces the old file."""
     with old.file.open(encoding="utf-8", newline="") as stream:
         text = edited(stream.read(), new)
     with paths.replacing(target.file.parent, target.file.name) as (fresh,):

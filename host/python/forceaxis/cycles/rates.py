@@ -1,5 +1,5 @@
-"""Error rates of the program of a press cycle, computed from simulated parts: how often a good part
-is refused, and how often a bad part of each kind is accepted."""
+"""Error rates of a cycle program, computed from simulated parts: how often it refuses a good part,
+and how often it accepts a bad part of each kind."""
 
 import csv
 import json
@@ -25,41 +25,41 @@ from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
 PARTS_MOST = 1_000_000
-# name of the group of all good parts, on which their random numbers depend
+# Name of the group of all good parts. The random numbers of the group depend on its name.
 GOOD_GROUP = "good parts"
 FILES = ("rates.json", "parts.csv")
 
 
 @dataclass(frozen=True)
 class RatesRequest:
-    """The request for error rates: an experiment with the program of a press cycle, and the parts
-    to simulate."""
+    """The request for a computation of error rates: an experiment with a cycle program, and the
+    parts to simulate."""
 
     experiment: Path
     good: Path  # parts file of the good parts
     bad: Sequence[Path] = ()
     parts: int = 1000  # number of good parts to simulate
-    # number of parts of each bad kind; None means the same number as `parts`
+    # number of parts of each bad kind; None: the same number as that of good parts
     bad_parts: int | None = None
     seed: int = 0
-    program: Path | None = None  # file of a program that replaces the program of the experiment
+    program: Path | None = None  # file of a cycle program that replaces that of the experiment
     overrides: Sequence[str] = ()
-    # file of a posterior, from which the parameters of the press are drawn for each part
+    # file of a posterior, from which the parameters of the press are drawn anew for each part
     over: str | None = None
 
     @property
     def all_overrides(self) -> list[str]:
-        """The overrides of every simulation, including the override that selects the program."""
+        """The overrides of all simulations, including the override that replaces the cycle
+        program."""
         return with_program(self.overrides, self.program)
 
     def read_program(self) -> Program:
-        """Returns the program of the press cycle with which the parts are simulated. Raises
-        InputError."""
+        """Returns the cycle program with which the parts are simulated. Raises InputError."""
         return read_program(self.experiment, self.all_overrides)
 
     @property
     def bad_count(self) -> int:
-        """The number of parts of each bad kind."""
+        """The number of parts that are simulated of each bad kind."""
         return self.parts if self.bad_parts is None else self.bad_parts
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
@@ -81,22 +81,22 @@ class RatesRequest:
 
 @dataclass(frozen=True)
 class PartCounts:
-    """Number of parts with each result of the cycle: good, bad, aborted."""
+    """Numbers of parts with each result of the press cycle: good, bad, aborted."""
 
     parts: int
     good: int
     bad: int
     # number of parts whose cycle was aborted by a stop, a fault, a halt or a change of the mode
     aborted: int
-    # number of parts whose cycle did not start, or had not ended at the end of the experiment
+    # number of parts whose cycle did not start, or still ran at the end of the experiment
     no_result: int
     failed: int  # number of simulations that ended with an error
 
 
 @dataclass(frozen=True)
 class ElementRefusals:
-    """How often one evaluation element refuses a good part, as a fraction of the parts with the
-    verdict good or bad."""
+    """How often one evaluation element refuses a good part, as a fraction of the parts that have
+    the verdict good or bad."""
 
     name: str
     kind: str
@@ -105,17 +105,19 @@ class ElementRefusals:
 
 @dataclass(frozen=True)
 class GoodRates:
-    """How often the program accepts and refuses good parts."""
+    """How often the cycle program accepts and refuses good parts."""
 
     counts: PartCounts
-    refused: Share  # proportion of refused parts among the parts with the verdict good or bad
-    limits: Share  # proportion of parts whose cycle did not end as its program intends
+    # number of refused parts divided by the number of parts with the verdict good or bad
+    refused: Share
+    limits: Share  # fraction of the good parts whose cycle did not end as its program intends
     elements: list[ElementRefusals]
 
 
 @dataclass(frozen=True)
 class ElementPasses:
-    """How often a bad part would be accepted if the program had only this evaluation element."""
+    """How often a bad part would be accepted if the cycle program had only this evaluation
+    element."""
 
     name: str
     kind: str
@@ -124,19 +126,20 @@ class ElementPasses:
 
 @dataclass(frozen=True)
 class BadRates:
-    """How often the program accepts and refuses the bad parts of one kind."""
+    """How often the cycle program accepts and refuses the bad parts of one kind."""
 
     name: str
     weight: float
     counts: PartCounts
-    passed: Share  # proportion of accepted parts among the parts with the verdict good or bad
-    limits: Share  # proportion of parts whose cycle ended as its program intends
+    # number of accepted parts divided by the number of parts with the verdict good or bad
+    passed: Share
+    limits: Share  # fraction of the bad parts whose cycle ended as its program intends
     elements: list[ElementPasses]
 
 
 @dataclass(frozen=True)
 class RatesResult:
-    """The error rates of the program of a press cycle, computed from simulated parts."""
+    """The error rates of a cycle program, computed from simulated parts."""
 
     experiment: str
     program: str
@@ -144,17 +147,18 @@ class RatesResult:
     seed: int
     good: GoodRates
     bad: list[BadRates]
-    # fraction of all bad parts that are accepted; the kinds are weighted by their frequency
+    # fraction of all bad parts that are accepted; each kind is weighted by its frequency
     bad_passed: float | None
     warnings: list[str]
     runs: int
-    resumed: int  # number of simulations that the journal of an earlier run already contained
+    # number of simulations that were not repeated, because the journal already contained them
+    resumed: int
     inputs_hash: str
     firmware_hash: str
     simulator_hash: str
     where: str
     seconds: float
-    # mean computing time in ms of a new simulation
+    # mean computing time in ms of a simulation that was not in the journal
     ms_per_part: float | None = json_field(default=None, omit_none=True)
     command: str = ""  # command line that repeats the computation
 
@@ -176,8 +180,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Rates:
-    """Error rates of the program of a press cycle, and the simulated parts from which they were
-    computed."""
+    """Error rates of a cycle program, and the simulated parts from which they were computed."""
 
     result: RatesResult
     program: Program
@@ -254,7 +257,7 @@ def rates(
 
 
 def check(request: RatesRequest) -> None:
-    """Raises ParameterError if the request contains an impossible number of parts."""
+    """Raises ParameterError if a number of parts in the request is not possible."""
     for name, value in (("parts", request.parts), ("bad_parts", request.bad_count)):
         if not 1 <= value <= PARTS_MOST:
             raise ParameterError(name, f"expected 1 to {PARTS_MOST:,} parts, got {value}")
@@ -284,8 +287,8 @@ def _drawn(group: str, kinds: Sequence[Kind], seed: int, count: int) -> Group:
 
 
 def expect_results(groups: Sequence[Group]) -> None:
-    """Raises SimulationError if all simulations of a group of parts have failed. Its error rate is
-    then unknown."""
+    """Raises SimulationError if all simulations of a group of parts have failed. The error rate of
+    the group is then unknown."""
     for group in groups:
         first = group.outcomes[0].error
         if first and all(outcome.error for outcome in group.outcomes):
@@ -302,7 +305,7 @@ def counts_of(outcomes: Sequence[PartOutcome]) -> PartCounts:
 
 
 def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
-    """Returns how often the program accepts and refuses good parts."""
+    """Returns how often the cycle program accepts and refuses good parts."""
     judged = [outcome for outcome in outcomes if outcome.is_judged]
     of = len(judged)
     return GoodRates(
@@ -317,7 +320,7 @@ def good_rates(outcomes: Sequence[PartOutcome], program: Program) -> GoodRates:
 
 
 def bad_rates(group: Group, program: Program) -> BadRates:
-    """Returns how often the program accepts and refuses the bad parts of one kind."""
+    """Returns how often the cycle program accepts and refuses the bad parts of one kind."""
     judged, of = group.judged, len(group.judged)
     return BadRates(
         name=group.name,
@@ -337,8 +340,8 @@ def _passed(judged: Sequence[PartOutcome]) -> Share:
 
 
 def weighted(shares: Sequence[tuple[float, Share]]) -> float | None:
-    """Returns the weighted mean of proportions. Each pair has a weight and a proportion. Returns
-    None if one of the proportions is not known."""
+    """Returns the weighted mean of several proportions. `shares`: pairs of a weight and a
+    proportion. Returns None if one of the proportions is not known."""
     known = [(weight, one.share) for weight, one in shares if one.share is not None]
     if not known or len(known) < len(shares):
         return None
@@ -346,7 +349,7 @@ def weighted(shares: Sequence[tuple[float, Share]]) -> float | None:
 
 
 def warnings(groups: Sequence[Group]) -> list[str]:
-    """Returns warnings about parts that have no verdict."""
+    """Returns texts that warn of parts without a verdict."""
     found = []
     for group in groups:
         counts = counts_of(group.outcomes)
@@ -365,8 +368,8 @@ def warnings(groups: Sequence[Group]) -> list[str]:
 
 
 def write(done: Rates, out: Path) -> None:
-    """Writes the result and a table with all parts to two files in the folder `out`. Writes either
-    both files or none."""
+    """Writes the error rates and a table with all parts to two files in the folder `out`. Writes
+    either both files or none."""
     with paths.replacing(out, *FILES) as (summary, table):
         summary.write_text(json.dumps(to_json(done.result), indent=2) + "\n")
         with table.open("w", newline="") as stream:
@@ -388,8 +391,8 @@ def write(done: Rates, out: Path) -> None:
 
 
 def _figures(outcome: PartOutcome, elements: Sequence[Element]) -> list[ElementFigure]:
-    """Returns the results of all evaluation elements for one part. If its simulation has failed,
-    they have no values and no verdicts."""
+    """Returns the results of all evaluation elements for one part. After a failed simulation, these
+    results have no values and no verdicts."""
     values: Sequence[float | None] = outcome.values or [None] * len(elements)
     verdicts = outcome.verdicts or [""] * len(elements)
     return [

@@ -15,9 +15,10 @@ from forceaxis.experiments.summary import why_text
 from forceaxis.results import json_field
 
 Cell = str | float | int | None
-CurvePoint = tuple[float, float, float]  # one point of a curve: time in s, travel in m, force in N
-# Endings of the column names of an evaluation element, in the order of the table.
-# The column without an ending contains the value of the element.
+# one point of the curve of a part: time in s, travel in m, force in N
+CurvePoint = tuple[float, float, float]
+# Endings of the column names of an evaluation element, in the order of the columns.
+# A column whose name has no ending contains the value of the evaluation element.
 VERDICT, LEAST, MOST, UNIT = "_verdict", "_least", "_most", "_unit"
 ENDINGS = ("", VERDICT, LEAST, MOST, UNIT)
 NOTES_BETWEEN = "; "
@@ -28,31 +29,32 @@ LOST = "lost"  # state of a part whose result was lost in a power cut of the axi
 
 @dataclass(frozen=True)
 class PartRecord:
-    """One pressed part, with all data on which its verdict depends. On an axis, the number of the
-    power-up and the number of the part together identify the part."""
+    """One pressed part, with all data on which its verdict depends. The number of the power-up and
+    the number of the part together identify a part of an axis."""
 
     number: int
     power_up: int = 0  # number of the power-up of the axis in which the part was pressed
-    serial: str = ""  # serial number of the part, written by a client
-    # time at which the record was made, in UTC, such as 2026-11-28T03:00:00+00:00
+    serial: str = ""  # serial number that a client of the axis has written for the part
+    # time in UTC at which the record was made, such as 2026-11-28T03:00:00+00:00
     recorded: str = ""
-    axis: str = ""  # connection to the axis, such as "node 1 on can0"
+    axis: str = ""  # connection over which the axis was read, such as "node 1 on can0"
     device: str = ""  # serial number of the axis as 0x and 8 digits
     program: str = ""  # path of the program file
-    title: str = ""  # title of the program of the press cycle
+    title: str = ""  # title of the cycle program with which the part was pressed
     program_number: int = 0
-    # CRC of the program as 8 hexadecimal digits; the next two CRCs have the same form
+    # CRC of the cycle program as 8 hexadecimal digits; the next two CRCs have the same form
     program_crc: str = ""
     # force law with which the part was pressed: "bank", or "P" for the law with force_gain alone
     law: str = ""
-    law_crc: str = ""  # CRC of the filter bank; empty for the P law
+    law_crc: str = ""  # CRC of the filter bank of the force law; empty for the P law
     parameters_crc: str = ""  # CRC of all parameters that the axis stores
     begin_tick: int = 0  # tick counter of the axis at the start of the cycle
     duration_s: float = 0.0
     state: str = ""  # "good", "bad", "aborted" or "lost"
     outcome: str = ""  # text that says how the cycle ended
-    phase: str = ""  # number of the last phase, or of the phase in which the cycle failed
-    invalid_ticks: int = 0  # number of ticks in evaluated phases whose sample was not valid
+    phase: str = ""  # number of the last phase that ran, or of the phase in which the cycle failed
+    # number of ticks in evaluated phases whose sample of force and travel was not valid
+    invalid_ticks: int = 0
     notes: list[str] = json_field(default_factory=list)
     elements: list[ElementFigure] = json_field(default_factory=list)
     curve: list[CurvePoint] | None = json_field(omit_none=True)
@@ -73,14 +75,14 @@ class PartRecord:
 
 
 def state_text(record: PartRecord) -> str:
-    """Returns the verdict on a part as text. If its cycle did not end as its program intends, the
+    """Returns the verdict on a part as text. If the cycle did not end as its program intends, the
     text also states the reason."""
     if record.outcome in ("", BY_PROGRAM):
         return record.state
     return f"{record.state}: {why_text(record.outcome, record.phase, record.invalid_ticks)}"
 
 
-# Columns of a record in a table, without the columns of its evaluation elements, which follow.
+# Columns of a record in a table. The columns of its evaluation elements follow them.
 HEAD = tuple(f.name for f in fields(PartRecord) if f.name not in ("elements", "curve"))
 
 
@@ -91,7 +93,7 @@ def element_columns(names: Sequence[str]) -> list[str]:
 
 
 def element_cells(elements: Sequence[ElementFigure]) -> list[Cell]:
-    """Returns the cells of one part for the columns of element_columns(). None means an empty
+    """Returns the cells of one part in the columns of element_columns(). None stands for an empty
     cell."""
     rows: list[list[Cell]] = [[e.value, e.verdict, e.least, e.most, e.unit] for e in elements]
     return [row[i] for i in range(len(ENDINGS)) for row in rows]
@@ -107,8 +109,8 @@ def row_of(record: PartRecord) -> dict[str, Cell]:
 
 
 def elements_of(columns: Sequence[str]) -> list[str]:
-    """Returns the names of the evaluation elements in a table. Each element has a column with its
-    verdict and a column with its value."""
+    """Returns the names of the evaluation elements in a table of parts. Each element has a column
+    with its verdict and a column with its value."""
     names = [c.removesuffix(VERDICT) for c in columns if c.endswith(VERDICT)]
     return [name for name in names if name in columns]
 
@@ -146,7 +148,7 @@ def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRe
             most=number(f"{name}{MOST}"),
         )
         for name in names
-        # if the verdict is empty, the program of this part has no such element
+        # An empty verdict means that the cycle program of this part has no such evaluation element.
         if row[f"{name}{VERDICT}"]
     ]
     return PartRecord(**given)

@@ -37,14 +37,14 @@ from forceaxis.results import from_json, to_json
 
 PARTS, TABLE, PARQUET, LINES = "parts", "parts.csv", "parts.parquet", "parts.jsonl"
 NAME = re.compile(r"(\d+)_(\d+)\.json")
-# a column in the table of `cycle rates`, and its value for good parts
+# a column that only the table of `cycle rates` has, and its value for good parts
 GROUP, GOOD_PARTS = "group", "good parts"
 Key = tuple[int, int]
 
 
 def file_name(key: Key) -> str:
-    """Returns the name of the JSON file of a part. If the names are sorted, they have the order in
-    which the parts were pressed."""
+    """Returns the name of the JSON file of a part. Sorted file names have the order in which the
+    parts were pressed."""
     return f"{key[0]:05d}_{key[1]:010d}.json"
 
 
@@ -66,8 +66,7 @@ def files_of(folder: Path) -> dict[Key, Path]:
 
 
 def _synced(path: Path) -> None:
-    """Waits until a file or a folder is written to the disk, so that a power cut cannot delete
-    it."""
+    """Waits until the disk has stored a file or a folder, so that a power cut cannot delete it."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -76,8 +75,8 @@ def _synced(path: Path) -> None:
 
 
 class RecordFolder:
-    """A folder to which a command adds the records of one axis. Only one command at a time may use
-    the folder. Raises InputError."""
+    """A folder to which a command adds the records of the parts of one axis. Only one command at a
+    time may use the folder. Raises InputError."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -104,8 +103,9 @@ class RecordFolder:
             raise
 
     def _open(self) -> None:
-        """Deletes incomplete files that a killed command has left, and repairs the table."""
-        # this file is incomplete, because its command was killed
+        """Deletes incomplete files that an ended command has left in the folder, and repairs the
+        table."""
+        # An incomplete file remains if the command that wrote it was killed.
         for rest in (self.folder / PARTS).glob("*.new"):
             rest.unlink()
         for path in (self.folder.parent, self.folder):
@@ -122,7 +122,7 @@ class RecordFolder:
         self.close()
 
     def close(self) -> None:
-        """Ends the use of the folder, so that another command may use it."""
+        """Ends the use of the folder by this command, so that another command may use it."""
         os.close(self._lock)
 
     def __contains__(self, key: Key) -> bool:
@@ -130,8 +130,8 @@ class RecordFolder:
 
     @property
     def keys(self) -> list[Key]:
-        """For each part: number of the power-up, and number of the part. The parts have the order
-        in which they were pressed."""
+        """The numbers that identify each part: number of the power-up, and number of the part. They
+        are in the order in which the parts were pressed."""
         return list(self._files)
 
     def record(self, key: Key) -> PartRecord:
@@ -139,7 +139,7 @@ class RecordFolder:
         return read_record(self._files[key])
 
     def records(self) -> Iterator[PartRecord]:
-        """Reads and yields the records of all parts. Raises InputError."""
+        """Reads the records of all parts, and yields them one by one. Raises InputError."""
         return map(read_record, self._files.values())
 
     def add(self, record: PartRecord) -> bool:
@@ -173,7 +173,7 @@ class RecordFolder:
 
         rows = [row_of(record) for record in self.records()]
         columns = _columns_of(rows)
-        # An empty cell becomes null. The type of a column is determined by its other cells.
+        # An empty cell becomes null. The other cells of a column determine its type.
         table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})
         with paths.replacing(self.folder, PARQUET) as (file,):
             pyarrow.parquet.write_table(table, file)
@@ -190,8 +190,8 @@ class RecordFolder:
         return self.folder / LINES
 
     def _read_columns(self) -> list[str] | None:
-        """Returns the column names of the table. Returns None if the table does not have exactly
-        one complete row for each JSON file."""
+        """Returns the column names of the table of parts. Returns None if the table does not have
+        exactly one complete row for each JSON file."""
         try:
             data = (self.folder / TABLE).read_bytes()
         except FileNotFoundError:
@@ -207,8 +207,8 @@ class RecordFolder:
         return rows[0] if keys == list(self._files) else None
 
     def _add_row(self, row: dict[str, Cell], is_last: bool) -> None:
-        """Adds a row to the table. If the table does not have all columns of the row, or if the
-        part is not the last one (`is_last`), the whole table is written again."""
+        """Adds the row of a part to the table. The whole table is written again if it does not have
+        all columns of the row, or if the part is not the last one (`is_last`)."""
         if self._columns is None or not is_last or not set(row) <= set(self._columns):
             self._write_table()
             return
@@ -237,18 +237,19 @@ def _columns_of(rows: Sequence[dict[str, Cell]]) -> list[str]:
 
 @dataclass(frozen=True)
 class RecordedParts:
-    """Parts that were read from a folder or a table, in the order in which they were pressed."""
+    """Parts that were read from a folder or a table. They are in the order in which they were
+    pressed."""
 
     source: str
     records: list[PartRecord]
-    # number of simulated bad parts in the table of `cycle rates`, which were not read
+    # number of simulated bad parts in the table of `cycle rates`; their records were not read
     left_out: int = 0
 
 
 def read_parts(source: Path, last: int | None = None) -> RecordedParts:
-    """Reads the parts from `source`, which is a folder with records, its file parts.jsonl, a folder
-    of `cycle rates`, or the table in one of these folders. `last`: number of parts at the end that
-    are returned, or None for all parts. Raises InputError."""
+    """Reads the parts from `source`. This is a folder with records, its file parts.jsonl, a folder
+    of `cycle rates`, or the table in one of these folders. `last`: number of parts to return,
+    counted from the end, or None for all parts. Raises InputError."""
     if (source / PARTS).is_dir():
         files = list(files_of(source).values())
         records = [read_record(file) for file in files[-last if last else 0 :]]
@@ -264,7 +265,7 @@ def read_parts(source: Path, last: int | None = None) -> RecordedParts:
 
 
 def _read_lines(file: Path) -> Iterator[PartRecord]:
-    """Reads and yields the records in a file of JSON lines. Raises InputError."""
+    """Reads the records in a file of JSON lines, and yields them one by one. Raises InputError."""
     with files.parsing(file, "records as JSON lines"):
         lines = file.read_text(encoding="utf-8").splitlines()
     for i, line in enumerate(lines, 1):
@@ -284,7 +285,7 @@ def _expect_parts(found: RecordedParts) -> RecordedParts:
 
 
 def _read_table(file: Path) -> RecordedParts:
-    """Reads the parts in a CSV table. From a table of `cycle rates`, only the good parts are
+    """Reads the parts in a CSV table. Of a table of `cycle rates`, only the good parts are
     returned."""
     where = paths.display(file)
     expected = "a folder with records of parts, or a table parts.csv"
@@ -317,8 +318,8 @@ def _read_table(file: Path) -> RecordedParts:
 
 @contextlib.contextmanager
 def folder_or_none(folder: Path | None) -> Iterator[RecordFolder | None]:
-    """Context manager that opens a folder for records and yields it. If `folder` is None, yields
-    None."""
+    """Context manager that opens a folder for records of parts and yields it. If `folder` is None,
+    yields None."""
     if folder is None:
         yield None
         return

@@ -33,11 +33,12 @@ from forceaxis.experiments.points import tidy
 
 SERIAL_WORDS = tuple(f"cycle_serial_{i}" for i in range(1, 5))
 SERIAL_BYTES = 4 * len(SERIAL_WORDS)
-WAITING_MOST = 255  # largest number of results that an axis stores (firmware/cycle/results.h)
-ELEMENTS_MOST = 16  # largest number of evaluation elements of a program (firmware/cycle/program.h)
-# largest number of attempts to read a result while another master selects other results
+WAITING_MOST = 255  # largest number of part results that an axis stores (firmware/cycle/results.h)
+# largest number of evaluation elements in a cycle program (firmware/cycle/program.h)
+ELEMENTS_MOST = 16
+# largest number of attempts to read a result; another master may select other results meanwhile
 READ_TRIES = 20
-POLL_S = 0.2  # time in s between two reads of the number of waiting results
+POLL_S = 0.2  # time in s between two reads of the number of results that wait to be acknowledged
 RECONNECT_S = 1.0
 # If the CRC of the parameters is older than this time in s, it is computed again for the next part.
 # The CRC is not computed for each part, because some hundred objects must be read for it.
@@ -46,8 +47,8 @@ CRC_KEPT_S = 60.0
 
 @dataclass(frozen=True)
 class WaitingObjects:
-    """Objects that show which results wait to be acknowledged, and which results were lost in a
-    power cut."""
+    """Objects that show which results of parts wait to be acknowledged, and which results were lost
+    in a power cut."""
 
     cycle_results_waiting: int
     cycle_number: int
@@ -58,7 +59,7 @@ class WaitingObjects:
 
 @dataclass(frozen=True)
 class ResultObjects:
-    """Objects with the result of the part whose number is in cycle_result_number."""
+    """Objects with the result of the part that the object cycle_result_number selects."""
 
     cycle_result_number: int
     cycle_result_part: int
@@ -79,8 +80,8 @@ class ResultObjects:
 
 @dataclass(frozen=True)
 class ElementObjects:
-    """Objects with the result of one evaluation element, which is selected by
-    cycle_result_element."""
+    """Objects with the result of the evaluation element that the object cycle_result_element
+    selects."""
 
     cycle_result_value: int
     cycle_result_verdict: str
@@ -88,7 +89,8 @@ class ElementObjects:
 
 @dataclass(frozen=True)
 class Circumstances:
-    """Data about the axis that a record contains in addition to the result of the part."""
+    """Data about the axis that the record of a part contains in addition to the result of the
+    part."""
 
     axis: str = ""
     device: str = ""
@@ -96,18 +98,19 @@ class Circumstances:
     calibration_expired: bool = False
 
 
-# Parameters from which the CRC of a record is computed. Every connection can read these.
-# Parameters that a connection changes for its own use are not included.
+# Parameters from which the CRC in a record is computed. Every connection can read them.
+# Parameters that a connection changes for its own use are not among them.
 COUNTED = tuple(
     o.name
-    # sorted by Modbus register, because one request reads adjacent registers
+    # The objects are sorted by Modbus register, because one request reads adjacent registers.
     for o in sorted(PARAMETERS, key=lambda one: one.modbus)
     if o.part != "canopen" and o.modbus >= 0
 )
 
 
 def circumstances(axis: Drive) -> Circumstances:
-    """Reads the data about the axis that a record contains. Raises Refused, NoAnswer."""
+    """Reads the data about the axis that the record of a part contains. Raises Refused,
+    NoAnswer."""
     names = [n for n in COUNTED if axis.link.reaches(n) and not axis.link.manages(n)]
     raw = axis.link.read(names)
     text = "".join(f"{name}={raw[name]}\n" for name in sorted(names))
@@ -125,7 +128,7 @@ def _now() -> str:
 
 
 def serial_words(text: str) -> dict[str, int]:
-    """Converts the serial number of a part to {object: raw value}. Raises ParameterError."""
+    """Converts the serial number of a part to the raw values of objects. Raises ParameterError."""
     data = text.encode()
     if not text.isprintable() or len(data) > SERIAL_BYTES:
         raise ParameterError(
@@ -153,8 +156,8 @@ class Selection:
 
 @contextlib.contextmanager
 def _selecting(axis: Drive) -> Iterator[None]:
-    """Context manager that may select other results. At its end, the result is selected again that
-    was selected at its beginning."""
+    """Context manager within which other results of parts may be selected. At its end, it selects
+    the result again that was selected at its beginning."""
     before = axis.record(Selection)
     yield
     axis.link.write(
@@ -168,7 +171,7 @@ def _selecting(axis: Drive) -> Iterator[None]:
 def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
     """Selects the result of a part and one of its evaluation elements, and reads the objects that
     are the fields of `kind`. Raises Refused. Raises NoAnswer if another master changes the
-    selection repeatedly."""
+    selection again and again."""
     for _ in range(READ_TRIES):
         axis.link.write({"cycle_result_number": number, "cycle_result_element": element})
         found = axis.record(kind)
@@ -182,8 +185,8 @@ def _selected(axis: Drive, number: int, element: int, kind: type[R]) -> R:
 
 
 def waiting_numbers(axis: Drive) -> list[int]:
-    """Returns the numbers of the parts whose results wait to be acknowledged, beginning with the
-    oldest. The search begins at the last part. Raises Refused, NoAnswer."""
+    """Returns the numbers of the parts whose results wait to be acknowledged. The oldest part is
+    the first one. The search begins at the last part. Raises Refused, NoAnswer."""
     now = axis.record(WaitingObjects)
     found: list[int] = []
     if now.cycle_results_waiting:
@@ -197,10 +200,10 @@ def waiting_numbers(axis: Drive) -> list[int]:
 
 
 def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
-    """Reads the result of a part as a record, without Circumstances and notes. `number`: number of
-    the part, where 0 means the last part. Returns None if its result does not wait to be
-    acknowledged. If the part was pressed with another program than `wanted`, its evaluation
-    elements have raw values and no names. Raises Refused, NoAnswer."""
+    """Reads the result of a part as a record, without data about the axis and without notes.
+    `number`: number of the part; 0 means the last part. Returns None if its result does not wait to
+    be acknowledged. The evaluation elements of a part that was pressed with another cycle program
+    than `wanted` have raw values and no names. Raises Refused, NoAnswer."""
     with _selecting(axis):
         found = _selected(axis, number, 0, ResultObjects)
         if found.cycle_result_part == 0:
@@ -250,7 +253,7 @@ def read(axis: Drive, number: int, wanted: LiveProgram) -> PartRecord | None:
 
 def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartRecord:
     """Adds the curve to the record of a part. This is possible only for the last part of the axis,
-    and only if the axis permits to read its curve. Otherwise the record does not change. Raises
+    and only if the axis permits to read the curve. Otherwise the record does not change. Raises
     NoAnswer."""
     try:
         if axis.integer("cycle_number") != record.number or not record.title:
@@ -263,36 +266,38 @@ def with_curve(axis: Drive, record: PartRecord, wanted: LiveProgram) -> PartReco
 
 
 def acknowledge(axis: Drive, number: int) -> None:
-    """Acknowledges the result of a part, so that the axis does not have to store it any longer.
+    """Acknowledges the result of a part to the axis, which then need not store it any longer.
     Raises Refused, NoAnswer."""
     axis.link.write({"cycle_acknowledge": number})
 
 
 @dataclass
 class Reminders:
-    """Makes notes in records that remind of necessary work, such as pressing a master part."""
+    """Adds notes to records of parts. The notes remind of work that is necessary, such as pressing
+    a master part."""
 
-    # hours after which a master part must be pressed; None: no note about it
+    # time in hours after which a master part must be pressed again; None: no note about it
     master_every_h: float | None = None
     master_serial: str = ""
     calibration_due: datetime.date | None = None
-    # time at which a master part was last found good
+    # time at which a master part was last pressed with the verdict good
     master_pressed: datetime.datetime | None = None
 
     def resume(self, folder: RecordFolder) -> None:
-        """Reads from the records of a folder when a master part was last found good."""
+        """Finds in the records of a folder when a master part was last pressed with the verdict
+        good."""
         if self.master_every_h is not None:
             for record in folder.records():
                 self.press(record)
 
     def press(self, record: PartRecord) -> None:
-        """Stores the time of a record if it is that of a good master part."""
+        """Stores the time of a record if the record is that of a good master part."""
         if record.serial == self.master_serial and record.state == GOOD:
             self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
 
     def notes(self, record: PartRecord, is_expired: bool) -> list[str]:
-        """Returns the notes for a record. `is_expired`: True if the axis reports that its
-        calibration has expired."""
+        """Returns the notes for the record of a part. `is_expired`: True if the axis reports that
+        its calibration has expired."""
         self.press(record)
         now = datetime.datetime.fromisoformat(record.recorded)
         found = []
@@ -306,9 +311,9 @@ class Reminders:
 
 
 class Collector:
-    """Reads the results of one axis. If `folder` is given, writes their records to it and then
-    acknowledges them. If `folder` is None, changes nothing. Raises InputError if the folder has
-    another part with the same number, and Refused, NoAnswer."""
+    """Reads the results of parts from one axis. If `folder` is given, writes their records to it
+    and then acknowledges them. If `folder` is None, changes nothing on the axis. Raises InputError
+    if the folder has another part with the same number, and Refused, NoAnswer."""
 
     def __init__(
         self,
@@ -323,12 +328,13 @@ class Collector:
         self._since = time.monotonic()
 
     def collect(self) -> Iterator[PartRecord]:
-        """Yields the records of the results that wait to be acknowledged, beginning with the
-        oldest. If there is a folder, writes each record to it and acknowledges the result. Records
-        that the folder already contains are not yielded."""
+        """Yields the records of the results that wait to be acknowledged. The oldest record is the
+        first one. If there is a folder, writes each record to it and acknowledges the result.
+        Records that the folder already contains are not yielded."""
         for number in waiting_numbers(self.axis):
             record = self.record(number)
-            if record is None:  # another master has already acknowledged this result
+            # The result no longer waits, because another master has acknowledged it.
+            if record is None:
                 continue
             is_new = True
             if self.folder is not None:
@@ -361,17 +367,17 @@ class Collector:
         return found
 
     def _is_known(self, lost: PartRecord) -> bool:
-        """Returns True if the folder already has the record of a lost part. An axis reports a lost
-        part twice if a power cut occurs before the axis has stored the acknowledgement. It never
-        reports another part with the same number."""
+        """Returns True if the folder already has the record of a lost part. The axis reports a lost
+        part twice if a power cut occurs before it has stored the acknowledgement. It never reports
+        another part with the same number."""
         if self.folder is None:
             return False
         same = [key for key in self.folder.keys if key[1] == lost.number]
         return lost.key in same or any(self.folder.record(key).state == LOST for key in same)
 
     def record(self, number: int) -> PartRecord | None:
-        """Returns the complete record of a part, or None if its result does not wait to be
-        acknowledged."""
+        """Returns the complete record of a part, or None if the result of the part does not wait to
+        be acknowledged."""
         record = read(self.axis, number, self.wanted)
         return None if record is None else self._completed(record)
 
@@ -391,7 +397,7 @@ class Collector:
 
 @dataclass(frozen=True)
 class Silence:
-    """Event: the axis no longer answers, for the stated reason. If the reason is empty, the axis
+    """Event: the axis no longer answers, for the stated reason. An empty reason means that the axis
     answers again."""
 
     reason: str
@@ -403,10 +409,9 @@ def watch(
     folder: RecordFolder,
     reminders: Reminders,
 ) -> Iterator[PartRecord | Silence]:
-    """Records the parts of an axis that another master commands. Yields their records and never
-    ends. If the axis no longer answers, connects to it again. Raises InputError. Raises Refused if
-    the axis refuses an acknowledgement, and NoAnswer if the axis does not answer at the
-    beginning."""
+    """Records the parts of an axis that another master commands. Yields their records without end.
+    If the axis no longer answers, connects to it again. Raises InputError. Raises Refused if the
+    axis refuses an acknowledgement, and NoAnswer if the axis does not answer at the beginning."""
     collector: Collector | None = Collector(Axis(connect()), wanted, folder, reminders)
     while True:
         try:
@@ -444,9 +449,8 @@ def _reconnected(
 
 
 def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
-    """Presses one part on an axis that this program owns, and returns its record. The axis still
-    stores the result, because it is not acknowledged here. Raises ParameterError, Refused,
-    NoAnswer."""
+    """Presses one part on an axis that this client owns, and returns its record. The result is not
+    acknowledged here, so the axis still stores it. Raises ParameterError, Refused, NoAnswer."""
     words = serial_words(serial)
     now = circumstances(axis)
     if serial:
@@ -454,12 +458,12 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     try:
         fault = live.start(axis, wanted)
     except BaseException:
-        # If no cycle has started, this serial number must not be used for the next part.
+        # If no cycle has started, the next part must not get this serial number.
         with contextlib.suppress(Refused, NoAnswer):
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise
     record = read(axis, 0, wanted)
-    assert record is not None  # a record exists, because a cycle has ended
+    assert record is not None  # the cycle has ended, so there is a record
     return replace(
         record,
         axis=now.axis,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from scipy import special
 
 CONFIDENCE = 0.95
-# Smallest number of good parts from which bounds are proposed (Wilks). 0.99^299 is below 0.05.
-# Therefore, with 95 % confidence, 99 % of later values do not exceed the largest of 299 values.
+# Smallest number of good parts from which bounds are proposed (Wilks), because 0.99^299 < 0.05:
+# with 95 % confidence, 99 % of later values do not exceed the largest of 299 values.
 PARTS_LEAST = 299
 
 
@@ -25,8 +25,8 @@ class Share:
 
 
 def share(count: int, of: int, confidence: float = CONFIDENCE) -> Share:
-    """Returns the proportion `count` / `of` with its interval. This interval contains the true
-    probability with at least the probability `confidence`."""
+    """Returns the proportion `count` / `of` with its confidence interval. The interval contains the
+    true probability with at least the probability `confidence`."""
     tail = (1 - confidence) / 2
     low = float(special.betaincinv(count, of - count + 1, tail)) if count else 0.0
     high = float(special.betaincinv(count + 1, of - count, 1 - tail)) if count < of else 1.0
@@ -35,7 +35,7 @@ def share(count: int, of: int, confidence: float = CONFIDENCE) -> Share:
 
 def refused_range(blocks: int, parts: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Returns a confidence range for the fraction of later parts that proposed bounds refuse. The
-    bounds were computed from `parts` parts, of which `blocks` were removed (statistically
+    bounds were computed from `parts` parts by the removal of `blocks` parts (statistically
     equivalent blocks). The fraction has the distribution Beta(blocks, parts + 1 - blocks)."""
     tail = (1 - confidence) / 2
     low, high = special.betaincinv(blocks, parts + 1 - blocks, [tail, 1 - tail])
@@ -43,8 +43,8 @@ def refused_range(blocks: int, parts: int, confidence: float = CONFIDENCE) -> tu
 
 
 def parts_needed(rate: float, bounds: int) -> int:
-    """Returns the smallest number of good parts that a proposal of bounds needs. There are two
-    conditions: at least one part can be removed for each bound, and with 95 % confidence at most
-    the fraction `rate` of later parts is beyond the most extreme parts."""
+    """Returns the smallest number of good parts that a proposal of bounds needs, from two
+    conditions. At least one part can be removed for each bound. With 95 % confidence, at most the
+    fraction `rate` of later parts is beyond the most extreme parts."""
     wilks = math.ceil(math.log(1 - CONFIDENCE) / math.log1p(-rate))
     return max(PARTS_LEAST, wilks, math.ceil(bounds / rate - 1e-9) - 1)

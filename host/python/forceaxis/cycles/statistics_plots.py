@@ -19,8 +19,9 @@ from forceaxis.words import plain
 
 # Sizes in inches: height of a row of charts, height of the plot of the curves, and total width.
 ROW_IN, CURVES_IN, WIDTH_IN = 1.9, 3.4, 7.6
-MARKED_MOST = 500  # a line connects the values of a run chart up to this number of values
-Curves = Sequence[tuple[str, Sequence[CurvePoint]]]  # pairs: verdict on a part, and its curve
+MARKED_MOST = 500  # largest number of values in a run chart up to which a line connects them
+# pairs of the verdict on a part and the curve of this part
+Curves = Sequence[tuple[str, Sequence[CurvePoint]]]
 
 
 def shown_elements(found: PartStatistics) -> list[ElementStatistics]:
@@ -129,7 +130,7 @@ def draw_curves(ax: Axes, curves: Curves) -> None:
         colour = GOOD_COLOUR if state == GOOD else BAD_COLOUR
         ax.plot(travel * MM, force, color=colour, linewidth=0.8, alpha=0.6)
     last = max(max(point[1] for point in curve) for _, curve in curves) * MM
-    # this range is the same as in the plot of a single part
+    # The range of the axis is the same as in the plot of a single part.
     ax.set_xlim(-0.15 * max(last, 1e-3), 1.08 * max(last, 1e-3))
     ax.set_xlabel("travel, mm")
     ax.set_ylabel("force, N")

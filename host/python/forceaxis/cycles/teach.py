@@ -1,5 +1,5 @@
-"""Proposes bounds for the evaluation elements of a program from recorded parts. The method is
-described in forceaxis.cycles.propose."""
+"""Proposes bounds for the evaluation elements of a cycle program from recorded parts. The module
+forceaxis.cycles.propose describes the method."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,14 +13,14 @@ from forceaxis.cycles.records import RecordedParts
 
 
 def own_parts(records: Iterable[PartRecord], wanted: LiveProgram) -> list[PartRecord]:
-    """Selects those parts that were pressed with the program `wanted` and have the verdict good or
-    bad."""
+    """Returns those parts that were pressed with the cycle program `wanted` and have the verdict
+    good or bad."""
     crc = f"{wanted.program.crc:08X}"
     return [r for r in records if r.program_crc == crc and r.state in (GOOD, BAD)]
 
 
 def outcome_of(record: PartRecord) -> PartOutcome:
-    """Converts the record of a part to its outcome."""
+    """Converts the record of a pressed part to an outcome, as the simulation of a part gives it."""
     return PartOutcome(
         state=record.state,
         outcome=record.outcome,
@@ -36,9 +36,9 @@ def teach(
     rate: float,
     file: Path,
 ) -> propose.Proposal:
-    """Writes the program `wanted` with proposed bounds to `file`. All recorded parts are assumed to
-    be good. The bounds refuse the fraction `rate` of later parts of the same kind. Raises
-    ParameterError, InputError."""
+    """Writes the cycle program `wanted` with proposed bounds to `file`. All recorded parts are
+    assumed to be good. The bounds refuse the fraction `rate` of later parts of the same kind.
+    Raises ParameterError, InputError."""
     records = own_parts(parts.records, wanted)
     if not records:
         raise InputError(
