@@ -16,7 +16,7 @@ LARGEST_NUMBER = 1e100
 
 
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
-    """Returns [(line number, texts of the fields)] of all lines of a CSV file that are not empty.
+    """Returns the lines of a CSV file that are not empty, as [(line number, texts of the fields)].
     Raises InputError."""
     with (
         files.parsing(path, "a CSV file in UTF-8", "export it again"),

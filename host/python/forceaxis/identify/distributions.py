@@ -1,4 +1,4 @@
-"""Probabilities and bounds of the statistical distributions with which estimates are judged.
+"""Probabilities and bounds of the statistical distributions that are used to evaluate estimates.
 scipy.stats has the same functions, but importing it takes longer than most of the commands that
 need them."""
 
@@ -18,17 +18,18 @@ def chi_square_bound(tail: float, degrees: float) -> float:
 
 
 def f_bound(share: float, above: float, below: float) -> float:
-    """Returns the value below which a variable with F distribution is with the probability `share`.
-    `above`, `below`: degrees of freedom of numerator and denominator."""
+    """Returns the bound of a variable with F distribution: the variable is below it with the
+    probability `share`. `above`, `below`: degrees of freedom of numerator and denominator."""
     return float(special.fdtri(above, below, share))
 
 
 def t_bound(share: float, degrees: float) -> float:
-    """Returns the value below which a variable with Student's t distribution is with the
-    probability `share`. The variable has `degrees` degrees of freedom."""
+    """Returns the bound of a variable with Student's t distribution: the variable is below it with
+    the probability `share`. The variable has `degrees` degrees of freedom."""
     return float(special.stdtrit(degrees, share))
 
 
 def normal_bound(share: float) -> float:
-    """Returns the value below which a standard normal variable is with the probability `share`."""
+    """Returns the bound of a standard normal variable: the variable is below it with the
+    probability `share`."""
     return float(special.ndtri(share))

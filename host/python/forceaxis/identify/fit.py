@@ -21,18 +21,20 @@ from forceaxis.identify.measurement import CONFIDENCE, Complexes, Measurement, R
 from forceaxis.identify.setup import is_number
 from forceaxis.results import to_json
 
-WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
-# Smallest half width of the 95 % interval of a logarithm that causes a warning.
+WARNED_CORRELATION = 0.95  # smallest correlation of two parameter estimates that causes a warning
+# Smallest half width of the 95 % interval of a parameter's logarithm that causes a warning.
 WARNED_HALF_WIDTH = math.log(2)
-# Below this ratio of the Jacobian's singular values, parameters are not distinguishable.
+# Below this ratio of the singular values of the Jacobian, parameters are not distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
-LEAST_EFFECT = 1e-9  # a smaller relative change of the response is not an effect of a parameter
-# If chi-square has a smaller probability, other start values are tried and the fit is rejected.
+# A smaller relative change of the response does not count as an effect of a parameter.
+LEAST_EFFECT = 1e-9
+# If the chi-square of a fit has a smaller probability, other start values are tried.
+# If its probability stays smaller, the fit is rejected.
 REJECTED_BELOW = 1e-3
-OTHER_STARTS = 24  # number of further start values of the search
+OTHER_STARTS = 24  # number of further start values that a search tries after a bad fit
 # Fields of a Measurement that are arrays. The arrays have the same names in response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
-# Half width of the search range of a logarithm: about a factor of 20 above and below the start.
+# Half width of the search range of a parameter's logarithm: a factor of about 20 up and down.
 SEARCH_RANGE = 3.0
 
 
@@ -64,13 +66,15 @@ class ParameterFit:
 
     @property
     def p_value(self) -> float:
-        """Returns the probability that a correct model has at least this chi-square."""
+        """Returns the probability that the chi-square of a correct model is at least as large as
+        that of this fit."""
         return chi_square_tail(self.chi_square, self.dof)
 
     @property
     def rejected(self) -> bool:
-        """True if no values of the parameters explain the measured response. `values` are then the
-        best fit, but not the parameters of the plant. The intervals are then invalid."""
+        """True if no values of the parameters explain the measured response. `values` then give the
+        best fit, but they are not the parameters of the plant, and their intervals are not
+        valid."""
         return self.p_value < REJECTED_BELOW
 
     @property
@@ -80,8 +84,9 @@ class ParameterFit:
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     def distance(self, values: ArrayLike) -> float:
-        """Returns the distance of `values` (p,) from the fitted values, relative to the joint 95 %
-        region of the parameters. It is below 1 inside this region, and 1 at its edge."""
+        """Returns the distance of the parameter values `values` (p,) from the fitted values,
+        relative to the joint 95 % confidence region. It is below 1 inside this region, and 1 at its
+        edge."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -100,16 +105,17 @@ class FitProblem:
         self.names = tuple(starts)
         self.start: Reals = np.log(np.array(list(starts.values()), float))
         relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-        # No point has a larger weight than a point with a relative error of a tenth.
+        # A point of the response has at most the weight of a point with a relative error of 0.1.
         self.weights: Reals = 1 / np.hypot(relative, 0.1)
 
     def model(self, logarithms: Reals) -> Complexes:
-        """Returns the response of the model, an array (n,)."""
+        """Returns the frequency response of the model for the present parameters, an array (n,)."""
         values = np.exp(logarithms).tolist()
         return self.measured.predict(dict(zip(self.names, values, strict=True)))
 
     def jacobian(self, logarithms: Reals, step: float = 1e-5) -> Complexes:
-        """Returns the derivatives of the response, an array (n, p), from central differences."""
+        """Returns the derivatives of the frequency response with respect to the logarithms of the
+        parameters, an array (n, p). They are central differences."""
         steps = step * np.eye(len(self.names))
         return np.stack(
             [(self.model(logarithms + d) - self.model(logarithms - d)) / (2 * step) for d in steps],
@@ -117,8 +123,8 @@ class FitProblem:
         )
 
     def coarse(self, logarithms: Reals) -> Reals:
-        """Returns 2 n residuals: the logarithm of the ratio of measured and predicted response, as
-        real and imaginary parts.
+        """Returns 2 n residuals for the first search. They are the weighted real and imaginary
+        parts of the logarithm of the measured response divided by the predicted one.
 
         A search with these residuals converges even if the resonances of model and measurement do
         not overlap yet.
@@ -127,7 +133,8 @@ class FitProblem:
         return as_real(np.asarray(ratio * self.weights, complex))
 
     def likelihood(self, logarithms: Reals) -> Reals:
-        """Returns the 2 n residuals whose sum of squares is the chi-square of fit()."""
+        """Returns 2 n residuals for the second search. The sum of their squares is the chi-square
+        of fit()."""
         measured = self.measured
         error = (measured.response - self.model(logarithms)) / np.sqrt(measured.variance)
         square = np.maximum(abs(error) ** 2, 1e-30)
@@ -135,8 +142,9 @@ class FitProblem:
         return as_real(np.asarray(error * size, complex))
 
     def search(self, begin: Reals) -> optimize.OptimizeResult:
-        """Searches for the best logarithms. The first search uses the residuals of coarse(), which
-        converge from distant start values. The second search uses those of likelihood()."""
+        """Searches for the logarithms of the parameters with the best fit. The first search uses
+        the residuals of coarse(), which converge from distant start values. The second search uses
+        those of likelihood()."""
         low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
         options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
@@ -288,7 +296,7 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 @dataclass(frozen=True)
 class ResponseSettings:
     """Values that replace the recorded values of a Measurement. None means that the recorded value
-    is used. For a CSV file, `output`, `averages` and `dt` are required, because the file does not
+    is kept. For a CSV file, `output`, `averages` and `dt` are required, because the file does not
     contain them."""
 
     input: str | None = None
@@ -308,7 +316,7 @@ def read_response(
     overrides: linear.Overrides | None = None,
     settings: ResponseSettings | None = None,
 ) -> Measurement:
-    """Returns the Measurement from the folder of a measurement (or its response.npz), or from a CSV
+    """Reads a Measurement from the folder of a measurement (or its response.npz), or from a CSV
     file.
 
     A CSV file has the columns frequency_hz and coherence. It also has the columns magnitude and
@@ -437,8 +445,8 @@ def response_of_csv(
 def starts_of(
     texts: Sequence[str], measured: Measurement
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Returns ({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START. The
-    default of START is the value in the model. Raises ParameterError."""
+    """Returns ({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START. Without
+    START, the start value is that of the model. Raises ParameterError."""
     known = linear.facts(measured.model, measured.overrides).parameters
     starts: dict[str, float] = {}
     for text in texts:
@@ -477,7 +485,7 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit for JSON. `set`: fitted values as overrides of the command line. It is None if
+    """A ParameterFit for JSON. `set`: fitted values as overrides for a command line. It is None if
     the model is rejected, or if the search has not converged."""
 
     model: str

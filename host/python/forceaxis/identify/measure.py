@@ -33,29 +33,31 @@ from forceaxis._core import InputError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.setup import CODES, Setup, SetupTable, read_setup
 
-TRANSIENT_SHARE = 1e-8  # share of a transient that may remain at the start of a recording
-FIRST_HANN_LINE = 3  # number of the lowest used spectral line with a Hann window
-MOST_STEPS = 20_000_000  # largest number of time steps of a measurement
-MOST_PARTS = 64  # largest number of time steps of the plant in a tick
+TRANSIENT_SHARE = 1e-8  # fraction of a transient that may remain when a recording begins
+FIRST_HANN_LINE = 3  # number of the lowest spectral line that is used with a Hann window
+MOST_STEPS = 20_000_000  # largest number of time steps of one measurement in the simulation
+MOST_PARTS = 64  # largest number of time steps of the plant within one tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
-# List of (spectral lines, input and output at these lines as an array (averages, 2, samples)).
+# [(spectral lines, input and output at these lines as an array (averages, 2, samples))]
 Records = list[tuple[Lines, Reals]]
 
 
 class ExcitedPlant:
-    """A plant with one kind of excitation. It applies the excitation and records two signals."""
+    """A simulated plant with one kind of excitation. The class applies the excitation and records
+    two signals."""
 
-    wave: Reals  # excitation in V: one period, or all segments with a window
+    wave: Reals  # excitation in V: one period, or all segments if there is a window function
 
     def __init__(
         self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
     ) -> None:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
-        # number of ADC codes at an end of the range, and number of all ADC codes
+        # number of ADC codes that were at an end of the ADC range, and number of all ADC codes
         self.at_end = self.converted = 0
-        self.met: Counter[str] = Counter()  # {"element: state": number of samples in this state}
+        # {"element: state": number of recorded samples in this state}
+        self.met: Counter[str] = Counter()
         try:
             model = str(linear.find_model(setup.model))
             self.plant = _core.Excited(model, dict(overrides), setup.seed, parts, setup.clamped)
@@ -78,7 +80,8 @@ class ExcitedPlant:
             self.started = False
 
     def write(self, name: str, value: float) -> None:
-        """Writes an object of the firmware. Raises InputError if the firmware refuses the value."""
+        """Writes a value to an object of the firmware. Raises InputError if the firmware refuses
+        the value."""
         try:
             self.plant.write(name, float(value))
         except ValueError as error:
@@ -87,7 +90,7 @@ class ExcitedPlant:
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
-        """Prepares the next realisation of the excitation, which the next call of play() starts.
+        """Prepares the next realisation of the excitation, which the next call of play() applies.
         `line`: number of the spectral line of a sine, or None for another excitation."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
@@ -95,8 +98,8 @@ class ExcitedPlant:
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # The amplitude is random, because the rounding error depends on it.
-            # With a constant amplitude, the rounding error would not increase the variance.
+            # The amplitude is random, because the rounding error depends on the amplitude.
+            # With a constant amplitude, the variance of the response would not include this error.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -104,8 +107,8 @@ class ExcitedPlant:
             self.started = True
 
     def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
-        """Returns the next realisation of the excitation in V. It is one period. With a window
-        function, it is all segments."""
+        """Returns the next realisation of the excitation in V. It is one period of the excitation,
+        or all segments if there is a window function."""
         from scipy import fft, signal
 
         setup, count = self.setup, self.samples
@@ -159,7 +162,7 @@ class ExcitedPlant:
 
 
 def unstable(where: str, text: str) -> InputError:
-    """Returns the InputError for a response whose amplitude grows."""
+    """Returns the InputError for a measurement in which the amplitude of the response grows."""
     return InputError(
         f"{where}: excitation: expected a response that settles, but the excited axis is "
         f"unstable: {text}; lower the level, or close a loop that controls the position of the "
@@ -168,7 +171,8 @@ def unstable(where: str, text: str) -> InputError:
 
 
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
-    """Converts values as the converters of the analyzer do. Returns (rounded values, step).
+    """Rounds values as the converters of the analyzer do. Returns (rounded values, step of the
+    converter).
 
     The range of a converter is the smallest of 1, 2, 5 times 10^n that contains the values. With
     the triangular dither, the rounding error is noise with the variance step^2 / 4.
@@ -185,7 +189,7 @@ def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals
 
 def settling_steps(system: linear.System, where: str) -> int:
     """Returns the number of samples after which a transient has decayed. The slowest pole
-    determines this number. Raises InputError."""
+    determines this number. Raises InputError if the transient never decays."""
     poles = system.poles()
     size = abs(poles)
     if size.max(initial=0) > 1 + 1e-7:
@@ -194,7 +198,7 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
             "the excited axis is unstable; change the parameters, or measure with open contacts"
         )
-    # True for the poles of integrators. The drift of an integrator is removed from the recordings.
+    # True for each pole of an integrator. The drift of an integrator is removed from recordings.
     still = abs(poles - 1) < 1e-7
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
@@ -285,13 +289,13 @@ def measure_setup(
 
 
 def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
-    """Returns (number of samples in a tick, number of samples of a recording, numbers of the
-    spectral lines that are measured). Raises InputError."""
+    """Returns the time grid of a measurement: (number of samples in a tick, number of samples of a
+    recording, numbers of the measured spectral lines). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        # The shortest period has at least ten samples.
+        # The shortest period of the excitation has at least ten samples.
         # The zero-order hold shifts the phase of ten samples per period by at most 18 degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
@@ -332,7 +336,7 @@ def settling_of(
     setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
     """Returns (number of samples after which a transient has decayed, True if the output drifts).
-    The output drifts if the plant integrates. Raises InputError."""
+    The output drifts if the plant has an integrator. Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,
@@ -350,7 +354,7 @@ def settling_of(
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
     # The plant with changed parameters may settle later than the nominal plant.
-    # If the changed plant is unstable, the excitation reports an error.
+    # If the plant with changed parameters is unstable, the application of the excitation fails.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
@@ -381,7 +385,7 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            # If a contact opens and closes, the range of the signals may once increase by chance.
+            # If a contact opens and closes, the range of a signal may grow once by chance.
             if grown(before, now):
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
@@ -434,8 +438,8 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """Returns the Measurement `done` with the results from the recordings `chunks`: response (H1),
-    coherence, variance, and standard deviation due to quantisation."""
+    """Completes the Measurement `done` with the results from the recordings `chunks`: response
+    (estimator H1), coherence, variance, and standard deviation due to quantisation. Returns it."""
     from scipy import fft
 
     coherence, variance, floor = np.empty((3, len(lines)))

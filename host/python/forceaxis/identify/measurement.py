@@ -18,8 +18,8 @@ Complexes = NDArray[np.complex128]
 
 # Probability with which each confidence interval or band contains the true value.
 CONFIDENCE = 0.95
-COHERENT = 0.9  # a point of the response is coherent above this coherence
-# The magnitude is constant in an octave up to this relative spread of its amplitudes.
+COHERENT = 0.9  # A point of the response with a larger coherence counts as coherent.
+# The magnitude counts as constant in an octave up to this relative spread of its values.
 FLAT_SPREAD = 0.1
 
 
@@ -57,7 +57,8 @@ class MeasuredCurve:
 
 @dataclass(frozen=True)
 class PhaseCrossing:
-    """A frequency at which the phase crosses 0 or 180 degrees. `phase_deg`: 0 or 180."""
+    """A frequency at which the phase of a response crosses 0 or 180 degrees. `phase_deg`: 0 or
+    180."""
 
     frequency_hz: float
     phase_deg: int
@@ -149,7 +150,8 @@ class Measurement:
             x, y = self._signals(system, frequency)
             return np.asarray(self.scale * y / x)
         # With a window W, the mean of H1 near a frequency is sum |W|^2 X* Y / sum |W|^2 |X|^2.
-        offset = np.arange(-48, 49) / 8 + 1e-9  # in spectral lines; 1e-9 avoids 0 / 0
+        # distance in spectral lines; 1e-9 avoids a division of 0 by 0
+        offset = np.arange(-48, 49) / 8 + 1e-9
         near = frequency[:, None] + offset * self.resolution_hz
         weight = (np.sinc(offset) / (1 - offset**2)) ** 2
         weight = weight * ((near >= self.band_hz[0]) & (near <= self.band_hz[1]))
@@ -159,12 +161,13 @@ class Measurement:
         return np.asarray(self.scale * mean)
 
     def _signals(self, system: linear.System, frequency: Reals) -> Complexes:
-        """Returns the linear responses from the excitation of the plant to the two measured
-        signals."""
+        """Returns the linear responses from the excitation to the two measured signals of the
+        plant."""
         values: Complexes = system.response(frequency).reshape(len(frequency), 2).T
         late = np.exp(-2j * np.pi * frequency * self.dt) - 1
         for row, name in enumerate((self.input, self.output)):
-            if name in CODES[:3]:  # The ADC converts a code before the new excitation acts.
+            # The ADC converts a code before the new excitation of the same tick acts.
+            if name in CODES[:3]:
                 values[row] += system.D[row, 0] * late
             elif name == "dac_code":
                 values[row] = 1.0
@@ -178,8 +181,9 @@ class Measurement:
         return values
 
     def _held(self, frequency: Reals) -> Complexes:
-        """Returns the response of a position that arrives late and once in a period. Aliases are
-        not included, because the axis moves too little above half the rate of the period."""
+        """Returns the response of a position that arrives late, and only once in a period of the
+        bus. Aliases are not included, because the axis moves too little above half the rate of this
+        period."""
         period, late = self.positions
         back = np.exp(-2j * np.pi * frequency * self.dt)  # shift by one sample, 1/z
         return np.asarray((back[:, None] ** (late + np.arange(period))).mean(1))

@@ -1,4 +1,4 @@
-"""Measured responses, and the model's responses between the same signals."""
+"""Measured frequency responses, and the responses of a model between the same signals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,8 @@ def overlay(
     overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> tuple[list[curves.Curve], MeasuredBode]:
-    """Returns (curves of the model, result) for measured responses between the same signals.
+    """Returns (curves of the model, result) for measured responses, which the curves of the model
+    show between the same signals.
 
     model: a path, or the file name without suffix. folders: folders of measurements. overrides:
     {parameter: value}. span_hz: range of the curves, limited by the sampling. For each state of the
@@ -76,8 +77,8 @@ def overlay(
 
 
 def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
-    """Returns the model's response between the signals of `measured`, with small steps of the
-    frequency."""
+    """Returns the response of the model between the two signals of the measurement `measured`, with
+    small steps of the frequency."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])
     roots = np.concatenate([output.poles_s(), output.zeros_s()])

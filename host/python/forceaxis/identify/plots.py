@@ -1,5 +1,5 @@
-"""Plots of measured responses, with the response of the linear model. After a fit, the plots show
-the model before and after it."""
+"""Plots of measured responses together with the response of the linear model. After a fit, a plot
+shows the model before and after the fit."""
 
 import math
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ from forceaxis.linear.curves import Curve, PlantBode
 def response(
     measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
 ) -> Figure:
-    """Returns the plot of a measured response: magnitude with the 95 % band, phase, and coherence
-    over frequency. `model`: complex response of the linear model at the same frequencies, or
+    """Returns the plot of a measured response: magnitude with its 95 % band, phase, and coherence
+    over the frequency. `model`: complex response of the linear model at the same frequencies, or
     None."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
@@ -43,7 +43,7 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
-    # The axis has at least a decade, so that a nearly constant magnitude looks constant.
+    # The axis has at least one decade, so that a nearly constant magnitude looks constant.
     if high < 10 * low:
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
@@ -87,7 +87,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
         style(ax)
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
-    # Points with a very large error do not change the range of the axis.
+    # Points with a very large error do not change the range of the plot's axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
     axes[0].loglog(f, size, ".", color=INK, markersize=4, label="measured")

@@ -1,4 +1,4 @@
-"""Identifies parameters from recordings. Each parameter has a 95 % confidence interval.
+"""Identifies parameters of an axis from recordings. Each parameter has a 95 % confidence interval.
 
 These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the values in its Figures
 4.4 and 4.26. The module `fit` instead fits parameters of a model to a frequency response.
@@ -20,28 +20,29 @@ from forceaxis.identify.distributions import t_bound
 from forceaxis.identify.measurement import CONFIDENCE, Reals
 
 LEAST_CYCLES = 3  # smallest number of periods of a ring-down (a decaying free vibration)
-# Smallest number of samples of a ring-down. Fewer samples of noise may resemble a ring-down.
+# Smallest number of samples of a ring-down. With fewer samples, noise may resemble a ring-down.
 LEAST_SAMPLES = 30
-# Start values of the ratio of decay rate to angular frequency.
+# Start values, in the fit of a ring-down, of the ratio of decay rate to angular frequency.
 START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
-# Amplitude at the start of the evaluated ring-down, as a share of the largest amplitude.
+# Amplitude at which the evaluation of a ring-down begins, relative to its largest amplitude.
 START_SHARE = 0.9
-# Smallest share of the variance of a recording that the fitted ring-down has to explain.
+# Smallest fraction of the variance of a recording that the fitted ring-down has to explain.
 LEAST_EXPLAINED = 0.5
-# A warning follows above this ratio: noise density near the vibration to that of white noise.
+# A larger ratio of the noise density near the vibration to that of white noise causes a warning.
 WARNED_NOISE_RATIO = 4
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and the half width of its 95 % confidence interval, both in `unit`."""
+    """An estimated value and the half width of its 95 % confidence interval, both in `unit`."""
 
     value: float
     half: float
     unit: str = ""
 
     def with_interval(self) -> "EstimateWithInterval":
-        """Returns the estimate in the form of the JSON output, with the ends of the interval."""
+        """Returns the estimate in the form of the JSON output, which has the ends of the
+        interval."""
         low, high = finite(self.value - self.half), finite(self.value + self.half)
         return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
@@ -65,8 +66,9 @@ def finite(number: float) -> float | None:
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Returns the estimate of a function of independent estimates. The square of its half width is
-    the sum of the squared contributions of all estimates. `unit`: unit of the function."""
+    """Returns the estimate of a function of several independent estimates. The square of its half
+    width is the sum of the squared contributions of these estimates. `unit`: unit of the
+    function."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -269,7 +271,7 @@ def ring_down(
 
 
 def _expect_samples(time_s: Reals, where: Path | str) -> None:
-    """Raises InputError for times that do not rise, and for too few samples."""
+    """Raises InputError if the times do not rise, or if there are too few samples."""
     if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
         raise InputError(
             f"{where}: time_s: expected at least two times in s, each larger than the time before"
@@ -281,8 +283,8 @@ def _expect_samples(time_s: Reals, where: Path | str) -> None:
 
 
 def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
-    """Returns the time in s at which the evaluation of a free vibration begins. This is the time of
-    the largest amplitude.
+    """Returns the time in s at which the evaluation of a free vibration begins: the time of its
+    largest amplitude.
 
     If the recording begins before the largest amplitude, the result is a quarter of a period later,
     because the excitation may last half a period.
@@ -297,8 +299,8 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Returns three variances of a sample, and a flag. The variances are those of white noise, of
-    noise near the frequency of the vibration, and of rounding.
+    """Returns three variances of a sample of a free vibration, and a flag. The variances are those
+    of white noise, of noise near the frequency of the vibration, and of rounding.
 
     The flag is True if the second variance is clearly larger than the first.
 
@@ -313,7 +315,7 @@ def noise_of(
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
     # The four fitted parameters of the vibration reduce the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
-    # Rounding without noise causes errors of the amplitude that the residuals do not contain.
+    # Rounding without noise causes errors of the amplitude that do not appear in the residuals.
     # Twice the variance of rounding, step^2 / 12, covers these errors of the amplitude.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
@@ -321,7 +323,7 @@ def noise_of(
 
 
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
-    """Returns the error for a recording with too few periods."""
+    """Returns the InputError for a recording of a free vibration with too few periods."""
     return InputError(
         f"{where}: expected a decaying vibration of at least {LEAST_CYCLES} cycles, got "
         f"{int(cycles)}; record longer, strike harder, or set `floor` below {floor:g}"
@@ -385,9 +387,9 @@ class Split:
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
-    """Returns the two masses m_r1 and m_r2 at the ends of a spring. They follow from their sum m
-    (kg), the stiffness k (N/m), and the frequency w / (2 pi) (Hz) at which both masses vibrate
-    freely: m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2).
+    """Returns the two masses m_r1 and m_r2 at the ends of a spring, from m_r1 + m_r2 = m and w^2 =
+    k m / (m_r1 m_r2). m: sum of both masses in kg. k: stiffness in N/m. w / (2 pi): frequency in Hz
+    at which both masses vibrate freely.
 
     As in the thesis, the actuator has more than half of the mass (m_r1 > m_r2) in the first
     solution. Raises InputError if no real masses solve the equations.
@@ -434,8 +436,8 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 def regression_of(
     path: Path | str, x: str, y: str, offset: bool = False, units: tuple[str, str] = ("", "")
 ) -> list[Estimate]:
-    """Returns the estimates of the straight line y over x through two columns of a CSV file:
-    [slope], or [slope, offset] with `offset`.
+    """Fits a straight line to two columns x and y of a CSV file. Returns its estimates: [slope], or
+    [slope, offset] with `offset`.
 
     Raises InputError for fewer than 3 rows (4 with offset), or if x is equal in all rows.
     """
@@ -464,8 +466,8 @@ def motor_damping(
     resistance: Estimate,
     where: Path | str = "motor",
 ) -> Estimate:
-    """Returns the damping b_m (N m s/rad) of a motor. At constant speed, V_tach / V_motor = k_t
-    k_tach / (R b_m + k_b k_t).
+    """Returns the damping b_m of a motor in N m s/rad from the ratio V_tach / V_motor at constant
+    speed, which is k_t k_tach / (R b_m + k_b k_t).
 
     The arguments are Estimates: ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad,
     resistance in ohm.
@@ -492,8 +494,9 @@ def decrement(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
-    """Evaluates ring_down() for a CSV file, from `from_s` to `to_s` in s. The file has the column
-    time_s. For a known mass (kg) or stiffness (N/m), also evaluates mode_parameters().
+    """Evaluates a free vibration in a CSV file with ring_down(), from `from_s` to `to_s` in s. The
+    file has the column time_s. For a known mass (kg) or stiffness (N/m), also evaluates
+    mode_parameters().
 
     `column`: column of the signal. It is optional if the file has only one column besides time_s.
     """

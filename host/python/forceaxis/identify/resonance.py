@@ -20,7 +20,7 @@ from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
 # Range of damping ratios in the fit.
-# With a smaller damping ratio, the peak is narrower than the spacing of the measured frequencies.
+# With a smaller damping ratio, a peak is narrower than the spacing of the measured frequencies.
 # With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
 # Largest ratio between the fitted frequency of a resonance and that of the peak in the data.
@@ -29,8 +29,8 @@ FREQUENCY_RATIO = 1.3
 
 @dataclass(frozen=True)
 class Resonance:
-    """One factor R_i of the model. It has a peak, and possibly a trough. R_i is 1 at low
-    frequency."""
+    """One resonance R_i, a factor of the resonance model. It has a peak, and possibly a trough. R_i
+    is 1 at low frequency."""
 
     peak_hz: float  #: frequency of the poles in Hz, > 0
     peak_damping: float  #: damping ratio of the poles
@@ -45,7 +45,7 @@ class Resonance:
         return self.trough_hz, self.trough_damping
 
     def at(self, s: ArrayLike) -> Complexes:
-        """Returns the values of R_i at complex s in 1/s, in the shape of s."""
+        """Returns the values of the resonance R_i at complex s in 1/s, in the shape of s."""
         s = np.asarray(s, complex)
         value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
         return value * _pair(s, *self.trough) if self.trough else value
@@ -69,7 +69,8 @@ class Fit:
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
-        """The product of all R_i as a Factored, with zeros and poles in 1/s and a gain."""
+        """The product of all resonances R_i as a Factored, with zeros and poles in 1/s and a
+        gain."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
@@ -82,7 +83,8 @@ class Fit:
 
 
 def _roots(pairs: list[tuple[float, float]]) -> Complexes:
-    """Returns the two roots in 1/s of each pair (frequency in Hz, damping ratio)."""
+    """Returns the two roots in 1/s of each pair (frequency in Hz, damping ratio) of a second-order
+    factor."""
     roots = []
     for hz, zeta in pairs:
         offset = np.sqrt(complex(zeta * zeta - 1))
@@ -152,8 +154,8 @@ def fit(
 def _checked(
     frequency_hz: ArrayLike, response: ArrayLike, rigid_response: ArrayLike
 ) -> tuple[Reals, Complexes, Complexes]:
-    """Returns the arguments of fit() as arrays. Raises InputError for data that cannot be
-    fitted."""
+    """Checks the arguments of fit() and returns them as arrays. Raises InputError for data that
+    cannot be fitted."""
     f = np.asarray(frequency_hz, float)
     data, rigid = (np.asarray(x, complex) for x in (response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
@@ -180,8 +182,8 @@ def _extremes(
     frequency of its trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # The extreme value is at the vertex of the parabola through three points.
-        # The parabola through these points is over the logarithm of the frequency.
+        # The extreme value of the data is at the vertex of the parabola through three points.
+        # The parabola is a function of the logarithm of the frequency.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -196,8 +198,9 @@ def _extremes(
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """Returns the frequency of the assigned trough for each peak, or None. The sum of the distances
-    from peaks to troughs is the smallest. No peak is between another peak and its trough."""
+    """Assigns the troughs to the peaks. Returns the frequency of the trough of each peak, or None.
+    The sum of the distances from peaks to troughs is the smallest one. No peak is between another
+    peak and its trough."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -215,8 +218,8 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Performs steps 4 and 5 of fit(). Adjusts the frequency and damping ratio of each peak and
-    trough in turn, until the peaks and troughs of the model agree with the data.
+    """Adjusts the frequency and damping ratio of each peak and trough in turn, until the peaks and
+    troughs of the model agree with the data. These are steps 4 and 5 of fit().
 
     Each adjustment shifts the neighbouring peaks and troughs, so all adjustments are repeated.
     """
@@ -226,7 +229,7 @@ def _match(
     level = np.interp(np.log(hz), np.log(f), target)
     pairs = np.column_stack(
         [hz, np.full(len(hz), 0.05)]
-    )  # start value of the damping ratio, typical in the thesis
+    )  # start value of the damping ratio of a peak, which is typical in the thesis
     around = np.geomspace(0.8, 1.25, 181)
 
     def model_db(at: Reals) -> Reals:
@@ -252,8 +255,8 @@ def _match(
 
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
-    """Returns the resonances. The rows of `pairs` are (frequency in Hz, damping ratio): first all
-    peaks, and then all troughs that are not None."""
+    """Returns the resonances of the model. The rows of `pairs` are (frequency in Hz, damping
+    ratio): first those of all peaks, and then those of all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))
@@ -262,7 +265,7 @@ def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance
 
 
 def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
-    """Returns the resonances with the smallest squared error in dB. The search is over the
+    """Returns the resonances with the smallest sum of squared errors in dB. The search is over the
     logarithms of all frequencies and damping ratios."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
@@ -286,8 +289,8 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
 @dataclass(frozen=True)
 class ResonanceResult(Fit):
-    """A Fit to a measured response. It also has the zeros and poles in 1/s of the product of all
-    resonances, each as (real part, imaginary part)."""
+    """A Fit of resonances to a measured response. It also has the zeros and poles in 1/s of the
+    product of all resonances, each as (real part, imaginary part)."""
 
     zeros: tuple[tuple[float, float], ...]
     poles: tuple[tuple[float, float], ...]

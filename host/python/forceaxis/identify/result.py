@@ -20,7 +20,8 @@ from forceaxis.results import to_json
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts that form a stop
+# endings of the names of the two contacts that together form a stop
+STOP_CONTACTS = (".low", ".high")
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,11 @@ Summary = TypeVar("Summary", bound="DataclassInstance")
 @dataclass(frozen=True)
 class MeasurementResult(Generic[Summary]):
     """A measurement, the response of the linear model, and the summary. The summary is a
-    MeasurementSummary for a model, or a commission.measuring.AxisMeasurementSummary for an axis."""
+    MeasurementSummary for a simulated model, or a commission.measuring.AxisMeasurementSummary for a
+    real axis."""
 
-    setup: Setup | None  # set-up of the measurement; None for a live axis
+    # set-up of the simulated measurement; None for a measurement of a real axis
+    setup: Setup | None
     measured: Measurement
     # response (n,) of the linear model with nominal parameters; None without a model
     model: Complexes | None
@@ -133,14 +136,14 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-# A body is stuck if it sticks for more than this share of the time.
-# Every body sticks for a moment when its direction changes.
+# A body counts as stuck if it sticks for more than this fraction of the time.
+# Every body sticks for a moment when the direction of its motion changes.
 STUCK_SHARE = 0.01
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
-    """Returns texts about frictions and backlashes whose state in the measurement differs from that
-    in the linear model."""
+    """Returns texts about the frictions and backlashes that had another state in the measurement
+    than they have in the linear model."""
     assumed = working.working(
         linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
     )
@@ -172,8 +175,8 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Returns texts about possible reasons for a difference between the response and the linear
-    model. Wrong parameters are not among these reasons."""
+    """Returns texts about possible causes of a difference between the measured response and the
+    linear model, except wrong parameters."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -205,15 +208,15 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
 
 
 def figure(done: MeasurementResult[Summary]) -> Figure:
-    """Returns the plot of the measured response and of the linear model."""
+    """Returns the plot of the measured response together with that of the linear model."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)
 
 
 def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> None:
-    """Writes response.csv, response.npz and result.json to the folder `out`. With `draw`, also
-    writes plot.png."""
+    """Writes response.csv, response.npz and result.json to the folder `out`. With `draw`, plot.png
+    is also written."""
     measured = done.measured
     columns = {
         "frequency_hz": measured.frequency_hz,

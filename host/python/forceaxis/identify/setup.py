@@ -16,7 +16,7 @@ CODES = ("adc0", "adc1", "encoder", "dac_code")  # names of the converter codes 
 
 SetupTable: TypeAlias = Mapping[
     str, Any
-]  # keys of a measurement file, or options that replace these keys
+]  # keys of a measurement file; an option with the same name replaces a key
 Check: TypeAlias = Callable[[TomlValue], bool]
 
 
@@ -61,7 +61,8 @@ class Setup:
 
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
-    """Returns (Setup, its name in error messages) from a measurement file or from a model.
+    """Reads the set-up of a measurement from a measurement file or a model. Returns (Setup, name of
+    the set-up in error messages).
 
     `target`: a path, or the name of an installed file. `options`: keys that replace those of the
     file. Raises InputError.
@@ -90,7 +91,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
             )
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    # The title in the file describes only the signals of the file. It is dropped for other signals.
+    # The title in the file describes only the signals of the file, so it is dropped for others.
     for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
@@ -104,17 +105,17 @@ def is_number(value: TomlValue) -> TypeGuard[float]:
 
 
 def _number(low: float, high: float) -> Check:
-    """Returns a function that checks a number. It must be at least `low` and below `high`."""
+    """Returns a function that checks a number: it must be at least `low` and below `high`."""
     return lambda value: is_number(value) and low <= value < high
 
 
 def _whole(low: int, high: int) -> Check:
-    """Returns a function that checks an integer. It must be from `low` to `high`."""
+    """Returns a function that checks an integer: it must be from `low` to `high`."""
     return lambda value: is_number(value) and isinstance(value, int) and low <= value <= high
 
 
 def _magnitude(low: float, high: float) -> Check:
-    """Returns a function that checks a number. Its magnitude must be above `low` and below
+    """Returns a function that checks a number: its magnitude must be above `low` and below
     `high`."""
     return lambda value: is_number(value) and low < abs(value) < high
 
@@ -136,7 +137,7 @@ def _is_line(value: TomlValue) -> bool:
     return isinstance(value, str) and bool(value) and value.isprintable()
 
 
-# {key: (text about the permitted values, function that checks a value)}
+# {key of a measurement file: (text about the permitted values, function that checks a value)}
 KEYS: dict[str, tuple[str, Check]] = {
     "input": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
     "output": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
@@ -162,7 +163,8 @@ KEYS: dict[str, tuple[str, Check]] = {
 
 
 def check(given: SetupTable, where: str) -> Setup:
-    """Returns a Setup from the keys of a file, after it has checked each key. Raises InputError."""
+    """Returns a Setup from the keys of a measurement file, after a check of each key. Raises
+    InputError."""
 
     def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")
@@ -207,7 +209,7 @@ def check(given: SetupTable, where: str) -> Setup:
 
 
 def _check_codes(setup: Setup, fail: Callable[[str, str], NoReturn]) -> None:
-    """Reports an amplitude or a bias in DAC codes that the firmware cannot output."""
+    """Raises InputError for an amplitude or a bias in DAC codes that the firmware cannot output."""
     level, bias = setup.level, setup.bias
     if not (level <= 2048 and level == int(level)):
         fail("level", f"expected a whole number of DAC codes from 1 to 2048, got {level:g}")

@@ -1,2 +1,2 @@
-"""Writes HTML pages for the command line. A page is about a folder of experiments, the design of a
-force law, the tuning of an axis, or pressed parts."""
+"""Writes HTML pages for the command line. There are pages about a folder of experiments, the design
+of a force law, the tuning of an axis, and pressed parts."""

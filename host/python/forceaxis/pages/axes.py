@@ -27,8 +27,8 @@ Picture = tuple[str, Markup]  # (caption, image)
 
 # Largest number of experiments for which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
-# Factors of the gain in the plot of verdicts over gain and set-point.
-# The next two constants are the factors of the set-point and the longest run in ticks.
+# Factors of the gain and of the set-point in the plot of verdicts over gain and set-point.
+# MAP_TICKS_MAX: length in ticks of the longest run for which this plot is drawn.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000
@@ -36,8 +36,8 @@ MAP_TICKS_MAX = 12_000
 
 @dataclass(frozen=True)
 class ExperimentBank:
-    """The designed filter bank of an experiment, and its worst bandwidth and margins over the set
-    of plants. `worst` is None if a plant of the set is unstable with this bank."""
+    """The designed filter bank of an experiment, with its worst bandwidth and margins over the set
+    of plants. `worst` is None if a plant of the set is unstable with this filter bank."""
 
     entry: Entry
     bank: Bank
@@ -46,8 +46,8 @@ class ExperimentBank:
 
 @dataclass(frozen=True)
 class ModelLaws:
-    """The recommended P gain of a model, and the filter banks of all its experiments. Both are
-    evaluated over a set of plants."""
+    """The recommended P gain of a model, and the filter banks of all its experiments. Gain and
+    filter banks are evaluated over a set of plants."""
 
     over: str  # text with the ranges of the parameters in the set of plants
     p: reduced.ShortDesign
@@ -74,7 +74,7 @@ def limits(model: Path) -> list[str] | None:
     zoh+1). Returns None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    # There is no force sensor, or the command does not act on the force (stuck axis, no contact).
+    # A model has no force loop without a force sensor, or if the command does not act on the force.
     except _core.InputError:
         return None
     return [limit_text(loop) for loop in found]
@@ -129,8 +129,8 @@ def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> Mode
 
 
 def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
-    """Returns [(caption, image)] of the Nyquist plot at the recommended P gain. The list is empty
-    without a recommended gain."""
+    """Returns [(caption, image)] of the Nyquist plot with the recommended P gain. The list is empty
+    if there is no recommended gain."""
     if not recommended.worst:
         return []
     gain = recommended.bank.force_gain
@@ -138,7 +138,7 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    # In this combination of states of the model's elements, the command does not act on the force.
+    # The command does not act on the force in this combination of states of the model's elements.
     except _core.InputError:
         return []
     margins = found.at.margins
@@ -152,9 +152,9 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
 
 
 def _map(entries: Sequence[Entry]) -> list[Picture]:
-    """Returns [(caption, image)] of a plot whose axes are gain and set-point, and whose colours are
-    verdicts. It is drawn for the first short experiment with a P law. The list is empty without
-    such an experiment."""
+    """Returns [(caption, image)] of a plot of verdicts, as colours over gain and set-point. It is
+    drawn for the first short experiment with a P law. The list is empty without such an
+    experiment."""
     for entry in entries:
         given = read_inputs(entry.file).firmware
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -176,7 +176,7 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
 
 
 def words(model: Path) -> list[str]:
-    """Returns sentences that describe a model: its bodies, drive, contacts, sensor and modes of
+    """Returns sentences that describe a model: bodies, drive, contacts, sensor and modes of
     vibration."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
@@ -211,9 +211,9 @@ def words(model: Path) -> list[str]:
 
 
 def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
-    """Returns the P gain that keeps the usual margins over the set of plants, and the worst margins
-    over this set with the filter bank of each experiment. Raises InputError, for example if the
-    model has no sensor."""
+    """Returns the P gain that keeps the usual margins over the set of plants. Also returns the
+    worst margins over this set for the filter bank of each experiment. Raises InputError, for
+    example if the model has no sensor."""
     plants = sets.plant_set(str(model))
     facts = linear.facts(model)
     search = reduced.ShortSearch(plants, Goal(adc_bits=facts.required_reading.bits), random=0)

@@ -1,10 +1,11 @@
-"""The commands of `forceaxis` for the actions that texts of the library recommend to a user."""
+"""The commands of `forceaxis` that do the actions which texts of the library recommend to a
+user."""
 
 import re
 
-# {action that the library names between backticks: command that does this action}
+# {action: command that does it}. Texts of the library name actions between backticks.
 # An action such as `axis.stop()` is a method of the class Axis.
-# The library does not know the command line, so it names actions.
+# The library names actions in its texts, because it does not know the command line.
 ACTIONS = {
     "axis.reset_fault()": "axis reset",
     "axis.start()": "axis start",
@@ -31,13 +32,12 @@ ACTIONS = {
     "write_objects": "axis set",
 }
 _ACTION = re.compile(f"`({'|'.join(map(re.escape, ACTIONS))})`")
-ON_AN_AXIS = ("axis ", "cycle ")  # first words of the commands that act on one axis
+ON_AN_AXIS = ("axis ", "cycle ")  # first words of those commands that act on one axis
 
 
 def with_commands(text: str, on: str = "") -> str:
-    """Returns the text with commands of `forceaxis` in place of the actions between backticks.
-    `on`: the option that selects the axis of the text. Commands that act on one axis get this
-    option."""
+    """Replaces the actions between backticks in a text by commands of `forceaxis`. `on`: option
+    that selects an axis on the command line. It is added to commands that act on one axis."""
 
     def command(named: re.Match[str]) -> str:
         words = ACTIONS[named[1]]

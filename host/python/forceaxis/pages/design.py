@@ -26,11 +26,11 @@ from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 
-# Width of a plot in inches. A row has two plots on a screen and one plot on a telephone.
+# Width of a plot in inches. A row of the page has two plots on a screen, and one on a telephone.
 WIDE_IN = 4.4
-LOOP_GAIN_DRAWN = 20.0  # largest drawn magnitude of the loop gain
+LOOP_GAIN_DRAWN = 20.0  # largest magnitude of the loop gain that the plots show
 RANDOM_PLANTS = (
-    # number of random plants in the plots, in addition to the nominal plant and the corner plants
+    # number of random plants in the plots, besides the nominal plant and the corner plants
     4
 )
 
@@ -39,8 +39,8 @@ Loops = list[tuple[Response, str]]
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """Returns the loop gain with a filter bank as frequency responses. There is one response for
-    each plant of the set and each latency."""
+    """Returns the loop gain of a filter bank as frequency responses, one for each plant of the set
+    and each latency."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM_PLANTS)]
@@ -56,8 +56,8 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
 
 def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
     """Returns the loop gain L as a frequency response. If the phase of the sensor's samples is not
-    known, L is that of the phase with the oldest readings. With several codes in a period, L is
-    computed from the component of S at the frequency of the disturbance."""
+    known, L is that with the oldest readings. For a loop with several codes in the period of its
+    ticks, L is computed from the component of S at the frequency of the disturbance."""
     oldest = loop.each[0] if isinstance(loop, FreeLoop) else loop
     if isinstance(oldest, PeriodicLoop):
         return np.asarray(1 / oldest.sensitivity_at(gain, frequency_hz) - 1, complex)
@@ -75,15 +75,15 @@ LOOKS: dict[str, tuple[LineStyle, str]] = {
 
 
 def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
-    """Returns the legend entries of a plot, with one entry for each line style in `loops`."""
+    """Returns the entries for the legend of a plot, one for each line style in `loops`."""
     met = {kind for _, kind in loops}
     return [plt.Line2D([], [], label=name, **look)
             for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """Returns [(name, filter bank)] of the control laws that the plots compare. They are the
-    designed law, and law P if a P gain keeps the margins."""
+    """Returns [(name, filter bank)] of the control laws that the plots compare: the designed law,
+    and law P if a P gain keeps the margins."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
@@ -135,8 +135,8 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
 
 
 def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
-    """Returns a plot of the force over time in a simulated contact. It has one curve with law P,
-    and one with the designed law."""
+    """Returns a plot of the force over time in a simulated contact. It has one curve with law P and
+    one with the designed law."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcome.order.latencies[0]
@@ -161,7 +161,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """Returns the value of a parameter or the state of an element as text."""
+    """Returns text that shows the value of a parameter or the state of an element."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
@@ -176,8 +176,8 @@ def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
 
 
 def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
-    """Returns one row for each structure of the force law: name, bandwidth fS, Ms, gain margin,
-    gain, and gain at high frequency."""
+    """Returns a table with one row for each structure of the force law: name, bandwidth fS, Ms,
+    gain margin, gain, and gain at high frequency."""
     rows = []
     for one in outcome.structures:
         figures = (*one.row, one.bank.force_gain, one.bank.hf_gain)
@@ -186,8 +186,8 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Writes the page index.html of a design into a folder. `run`: path of the experiment that the
-    page recommends to run."""
+    """Writes the page index.html about a design into a folder. `run`: path of the experiment that
+    the page recommends to run."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     html = template("design").render(

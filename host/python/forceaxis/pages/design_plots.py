@@ -1,5 +1,5 @@
-"""Plots about the design of a force law: effects of changes of an axis, soft contact or low gain,
-and bandwidth against a second property."""
+"""Plots about the design of a force law: effects of changes of an axis, effects of a soft contact
+or of a low gain, and the trade-off between bandwidth and a second property of the force loop."""
 
 import json
 from collections.abc import Callable
@@ -26,7 +26,8 @@ Curve = tuple[str, Column, str]  # (name, values, colour)
 
 
 def advice(result: Advice) -> Figure:
-    """Returns a plot of the critical gain and crossover frequency with each change of the axis."""
+    """Returns a plot of the critical gain and of the crossover frequency for each proposed change
+    of the axis."""
     known = [(row, row.ratio.critical_gain) for row in result.rows]
     gains = [(row, gain) for row, gain in known if gain]
     drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(gains)))
@@ -86,7 +87,7 @@ def compliance(result: Compliance) -> Figure:
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        # The plot also shows the value 0, which means that the smallest impact is unstable.
+        # The plot also shows the value 0: the axis does not tolerate even the smallest impact.
         struck = ax is axes[-1]
         if not struck:
             ax.set_yscale("log")
@@ -114,8 +115,8 @@ def compliance(result: Compliance) -> Figure:
 
 
 def tradeoff(result: Tradeoff) -> Figure:
-    """Returns a plot of the bandwidth over the second property, for the designed filter bank and
-    for the P law."""
+    """Returns a plot of the bandwidth over the second property of a trade-off, for the designed
+    filter bank and for the P law."""
     drawn, ax = plt.subplots(figsize=(5.6, 3.4))
     style(ax)
     for name, curve, colour in (

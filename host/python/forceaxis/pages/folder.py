@@ -18,7 +18,7 @@ from forceaxis.pages import pictures
 
 T = TypeVar("T")
 
-# {status of an experiment: text on the page}, in the order in which the page counts experiments
+# {status of an experiment: text for the page}, in the order in which the page counts them
 STATUSES = {
     verdicts.STABLE: "stable",
     "part_good": "part good",
@@ -37,26 +37,26 @@ class Entry:
 
     file: Path
     name: str  # path of the experiment file relative to the folder, without suffix
-    done: Run | None = None  # the finished run; None after an error
+    done: Run | None = None  # the finished run; None if an error prevented it
     # differences between the result of the run and the table [expect], as text lines
     differs: tuple[str, ...] = ()
     error: str = ""
 
     @property
     def run(self) -> Run:
-        """The finished run. Use this property only if the experiment ran without error."""
+        """The finished run. This property exists only if the experiment ran without error."""
         assert self.done is not None
         return self.done
 
     @property
     def id(self) -> str:
-        """Name of the HTML anchor of the experiment on the page."""
+        """Name of the HTML anchor of the experiment on the page of the report."""
         return re.sub(r"\W", "_", self.name)
 
     @property
     def outcome(self) -> str:
-        """Mark of the verdict as a key of STATUSES. For an experiment without a verdict, it is the
-        outcome of the last cycle."""
+        """Verdict of the experiment as a key of STATUSES. For an experiment without a verdict, it
+        is the outcome of the last press cycle."""
         if self.error:
             return "error"
         result = self.run.result
@@ -72,8 +72,8 @@ class Entry:
 
     @property
     def order(self) -> tuple[bool, tuple[int | str, ...], str]:
-        """Sort key. Cycles that press parts come first, then the order is by figure number and
-        name."""
+        """Sort key of the experiment on the page. Cycles that press parts come first. The others
+        are sorted by figure number and name."""
         result = self.done.result if self.done else None
         figure = result.figure if result else ""
         return not (result and result.cycle), figure_order(figure), self.name
@@ -85,8 +85,8 @@ class Entry:
 
     @property
     def held(self) -> str:
-        """Text with the controlled force and its static error. It is empty if the experiment has no
-        force set-point."""
+        """Text with the controlled force and its static error. It is empty for an experiment
+        without a force set-point."""
         held = self.done and self.done.result.metrics.held_force
         if not held:
             return ""
@@ -96,25 +96,25 @@ class Entry:
 
     @cached_property
     def picture(self) -> Markup:
-        """Plot of the signals of the run as a data URI."""
+        """Plot of the signals of the run, as a data URI for the HTML page."""
         return pictures.figure(trace.figure(self.run))
 
     @cached_property
     def thumbnail(self) -> Markup:
-        """Small plot of the main signal of the run."""
+        """Small plot of the main signal of the run, as inline SVG."""
         return pictures.thumbnail(self.run)
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
-    """Returns a sort key for a text with numbers of figures: "2.16a, 5.1" gives (2, 16, "a"). A
-    text without a number comes last."""
+    """Returns a sort key for a text with figure numbers: "2.16a, 5.1" gives (2, 16, "a"). Texts
+    without a number are sorted to the end."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
 def files(folder: Path) -> list[Path]:
-    """Returns the paths of the experiments below a folder, and of files that cannot be read as
-    experiments. Raises InputError if the folder contains no experiment."""
+    """Returns the paths of the experiments below a folder. Files that cannot be read as experiments
+    are included. Raises InputError if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: expected a folder with experiments, got no such folder; `new_axis` "
@@ -154,8 +154,8 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 
 def _drawn(path: Path, folder: Path) -> Entry:
-    """Runs an experiment in a worker process. Returns the experiment with its plots. The result has
-    no table of signals, because it is sent to another process."""
+    """Runs an experiment in a worker process. Returns the experiment with its plots, but without
+    its table of signals, because the result is sent to another process."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

@@ -1,5 +1,5 @@
-"""The sections of the report that only the thesis has: tables, fit, models by figure, and frequency
-domain. Templates use the names of the dataclass fields."""
+"""The sections of the report about the thesis: stability tables, fit, models by figure, and
+frequency domain. Templates use the names of the dataclass fields."""
 
 import os
 import re
@@ -24,7 +24,7 @@ from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables, trials
 from forceaxis.thesis.tables import CellResult
 
-WIDE_IN = 6.0  # a plot that is wider than this, in inches, has a row of its own
+WIDE_IN = 6.0  # A plot that is wider than this, in inches, has its own row on the page.
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
-    """Returns one row for each model in which the drive acts on the force. A row has the model, its
-    lowest mode of vibration, and its other modes of vibration with their labels."""
+    """Returns one row for each model whose drive acts on the force: the model, its lowest mode of
+    vibration, and its other modes of vibration with their labels."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
             found = modes.modes(path)
-        # This file contains only parameters, or the model has no drive.
+        # The file contains only parameters, or its model has no drive.
         except _core.InputError:
             continue
         if not found.has_path or found.contact == "apart":
@@ -139,7 +139,7 @@ class DrawnFigure:
 
     figure: str
     see: str
-    wide: bool  # True if the plot has a row of its own on the page
+    wide: bool  # True if the plot has its own row on the page of the report
     image: Markup
 
 
@@ -237,7 +237,7 @@ def advised() -> tuple[advise.Advice, Markup]:
     return advice, pictures.figure(design_plots.advice(advice))
 
 
-# (experiment, heading, reason) of each step in the design of one example axis.
+# (experiment, heading, reason) of each step in the design of the example axis
 STORY = (
     ("contact_unstable", "1. Force gain 10: it bounces for ever",
      "The arm bends, the sensor rings, and the contact is lost again and again."),
@@ -294,7 +294,7 @@ class TablesSection:
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # (figure, number of its cells, number of correct predictions) of each fit without one figure
+    # (figure, number of its cells, number of correct predictions) of each fit without that figure
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion

@@ -1,4 +1,4 @@
-"""Images inside an HTML page: plots as SVG images, and small plots as inline SVG."""
+"""Images inside an HTML page. Plots are data URIs, and small plots are inline SVG."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from forceaxis import drawing
 from forceaxis.experiments.run import Run
 
 WIDTH, HEIGHT = 160, 56  # size of a thumbnail in pixels
-# Number of steps of the line in a small plot. Each step shows the lowest and the highest value.
+# Number of steps along the line of a small plot. Each step shows its lowest and highest value.
 STEPS = 80
 
 
@@ -51,7 +51,7 @@ def thumbnail(done: Run) -> Markup:
     ).format(name)
 
 
-FORCES = ("force", "spring_force")  # ends of the names of signals that are a force in N
+FORCES = ("force", "spring_force")  # Signals whose names have these endings are forces in N.
 
 
 def _shown(done: Run) -> str:

@@ -12,7 +12,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# (name of a model with a force loop, bits of its ADC)
+# (name of a model with a force loop, number of bits of its ADC)
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -25,11 +25,11 @@ class PlantDesign:
 
     model: str
     bits: int  # resolution of the ADC in bits
-    over: str  # names of the parameters with a tolerance
+    over: str  # names of the parameters that have a tolerance in the set of plants
     modes: int  # number of combinations of element states in the set of plants
     p: reduced.ShortDesign
     design: reduced.ShapedDesign
-    limited_by: str  # sentence about the margin or other bound that limits the bandwidth
+    limited_by: str  # sentence about the requirement that limits the bandwidth, such as a margin
 
 
 def plant_design(model: str, bits: int) -> PlantDesign:

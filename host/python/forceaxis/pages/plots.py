@@ -14,8 +14,8 @@ from forceaxis.thesis.nonlinear import ContactMap
 def plateau(
     curves: Mapping[str, Sequence[tuple[float, float]]], score_of_fit: float, label: str
 ) -> Figure:
-    """Returns a plot of the number of table cells with equal verdicts. The axis is the value of a
-    fitted constant, relative to its fitted value. There is one curve for each constant.
+    """Returns a plot of the number of table cells with equal verdicts over the value of each fitted
+    constant, relative to its fitted value. There is one curve for each constant.
 
     curves: {constant: [(ratio to the fitted value, score)]}. label: label of the scores.
     """
@@ -39,8 +39,8 @@ def plateau(
 def contact_maps(
     maps: Sequence[ContactMap], gains: Sequence[float], gaps: Sequence[float]
 ) -> Figure:
-    """Returns a plot that shows which simulated runs have a limit cycle. Its axes are the initial
-    gap and the gain relative to the linear limit."""
+    """Returns a plot of the simulated runs that end in a limit cycle. Its axes are the initial gap
+    and the gain relative to the critical gain of the linear loop."""
     size = (5.6, 0.7 + 2.3 * len(maps))
     figure, axes = plt.subplots(len(maps), 1, sharex=True, figsize=size)
     columns, rows = np.meshgrid(np.arange(len(gaps)), gains)

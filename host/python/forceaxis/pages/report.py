@@ -24,7 +24,7 @@ class ReportSummary:
 
     report: str  # path of the HTML page
     experiments: int  # number of experiments
-    counts: dict[str, int]  # {status: number of experiments}
+    counts: dict[str, int]  # {status of experiments: number of experiments with this status}
     errors: list[str]  # one text line for each experiment that could not be run
     # number of cells of the stability tables whose simulated verdict equals the measured verdict
     matched: int | None = json_field(omit_none=True)
@@ -32,8 +32,8 @@ class ReportSummary:
 
 
 def workers(threads: int | None) -> Pool:
-    """Context manager with a pool of worker processes. The worker processes are terminated after an
-    error or an interruption."""
+    """Context manager with a pool of worker processes. Ends the worker processes after an error or
+    an interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )
@@ -48,7 +48,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source
-    # A missing fit, an empty folder or an impossible path is reported before the long computation.
+    # A missing fit, an empty folder or an impossible path is reported before the long computations.
     if own:
         tables.evidence()
     else:
@@ -60,7 +60,8 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
 
 
 def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
-    """Runs the experiments. Returns (text of the HTML page, summary of the report)."""
+    """Runs the experiments. Returns (text of the HTML page of the report, summary of the
+    report)."""
     tables_section = None
     with workers(threads) as pool:
         if own:

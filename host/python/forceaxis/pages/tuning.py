@@ -31,14 +31,14 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# Tolerance band of a settled force, as a share of the set-point.
-# The plot of a contact ends soon after the force stays within this band.
+# Tolerance band of a settled force, relative to the set-point.
+# The plot of a contact ends soon after the force has settled within this band.
 SETTLED_SHARE = 0.02
-# Width of a plot in inches. A row has three plots on a screen and one plot on a telephone.
+# Width of a plot in inches. A row of the page has three plots on a screen, and one on a telephone.
 FIGURE_WIDTH_IN = 4.2
 
 _number = functools.partial(outcome.number, digits=4)
-Rows = list[list[str]]  # rows of a table; the first row is the header
+Rows = list[list[str]]  # rows of a table on the page; the first row is the header
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
@@ -65,8 +65,8 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 
 def _friction(summary: TuningSummary) -> Rows:
-    """Returns a table of the measured dry friction. Its columns are the place, the force in N, and
-    whether the model contains the friction."""
+    """Returns a table of the measured dry friction. Its columns are the two bodies between which it
+    acts, the force in N, and whether the model contains the friction."""
     return [
         ["dry friction between", "N", "in the model"],
         *(
@@ -78,7 +78,7 @@ def _friction(summary: TuningSummary) -> Rows:
 
 def _margins(summary: TuningSummary) -> Rows:
     """Returns a table that compares the margins of the previous law, of law P and of the designed
-    law. It has the margins for the fitted plant, and those over the set of plants."""
+    law. It has the margins with the fitted plant, and the worst ones over the set of plants."""
     rows = [["law", "fS, Hz", "fT, Hz", "Ms", "gain margin"]]
     for name, loop in (summary.on_fitted or {}).items():
         label = f"{name}, on the fitted plant"
@@ -95,14 +95,14 @@ def _margins(summary: TuningSummary) -> Rows:
 
 
 def _figures(law: WorstFigures | Figures | None) -> Iterator[str]:
-    """Yields the bandwidth and margins of a law as texts for the table of margins. Yields "-" in
-    each column without a law."""
+    """Yields the bandwidth and the margins of a control law as texts for the table of margins.
+    Yields "-" in each column if there is no such law."""
     figures = (law.fS_Hz, law.fT_Hz, law.Ms, law.gain_margin) if law else (None,) * 4
     return map(_number, figures)
 
 
 def _cases(summary: TuningSummary) -> Rows:
-    """Returns a table of the contacts that were simulated with the designed law."""
+    """Returns a table of the contacts that were simulated with the designed force law."""
     rows = [outcome.CASE_HEAD, *outcome.cases(summary.simulated)]
     law = outcome.CASE_HEAD.index("law")
     return [[*row[:law], *row[law + 1 :]] for row in rows]
@@ -136,7 +136,7 @@ def _touch_down(folder: Path, force_N: float) -> str:
     ax.plot(time_s, expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
     ax.plot(time_s, measured, color=INK, linewidth=0.8, label="measured")
     within = SETTLED_SHARE * force_N + np.ptp(measured[time_s < -0.02])
-    # fmax ignores a prediction that is NaN.
+    # np.fmax ignores the predicted force at times at which it is NaN.
     far = np.fmax(abs(expected - force_N), abs(measured - force_N)) > within
     settled = time_s[far].max(initial=0.0)
     ax.set(xlim=(-0.05, min(settled + 0.2, time_s[-1])))
@@ -150,7 +150,7 @@ def _touch_down(folder: Path, force_N: float) -> str:
 def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
     """Returns the data URI of a plot of a measured response. It shows the confidence band, the
     response of the fitted model, and the coherence."""
-    # If the axis has dry friction, the drawn model has dampers in its place.
+    # If the axis has dry friction, the drawn model has dampers in place of this friction.
     damped = tuning.folder / RESPONSES_MODEL
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)
