@@ -53,7 +53,8 @@ _MEMBERS = {
 
 
 def __getattr__(name: str) -> Any:
-    """Loads a public name when it is first used."""
+    """Imports the module that defines a public name when the name is first used. Returns its
+    value."""
     if name in _MODULES:
         return importlib.import_module(_MODULES[name])
     if name not in _MEMBERS:
@@ -64,5 +65,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Lists the public names."""
+    """Lists the public names of this package."""
     return sorted([*globals(), *__all__])

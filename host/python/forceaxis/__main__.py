@@ -10,7 +10,7 @@ import sys
 
 
 def main() -> None:
-    """Runs the program `forceaxis`."""
+    """Runs the program `forceaxis`, the command line of this package."""
     interrupted = False
 
     def interrupt(*_: object) -> None:
@@ -19,8 +19,8 @@ def main() -> None:
         raise KeyboardInterrupt
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
-        # Python ignores exceptions in a destructor.
-        # Therefore this function raises the interrupt again.
+        # Python ignores an interrupt (Ctrl-C) that occurs in a destructor.
+        # Therefore this function raises such an interrupt again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:

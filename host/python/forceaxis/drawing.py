@@ -33,7 +33,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# VERDICT gives the colour of lines and marks for each verdict, AREA gives the colour of areas.
+# VERDICT has the colour of lines and marks for each verdict. AREA has the colours of areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
@@ -53,7 +53,7 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-# largest size in bytes of an SVG image in a page; a larger plot is written as PNG
+# Largest size in bytes of an SVG image in a page. A plot with a larger one is written as PNG.
 SVG_BYTES_MAX = 400_000
 # Replacements for characters with a special meaning in an HTML attribute or a data URI.
 URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
@@ -85,7 +85,7 @@ class LineStyle(TypedDict, total=False):
 
 
 class LegendOptions(TypedDict, total=False):
-    """Arguments of Matplotlib for the layout of a legend."""
+    """Arguments of Matplotlib for the layout of the legend of a plot."""
 
     loc: Literal[
         "best", "lower left", "lower right", "outside lower center", "upper left", "upper right"
@@ -118,8 +118,8 @@ def plain_ticks(axis: Axis) -> None:
 
 
 def decibels(ax: Axes, unit: str = "") -> Axes:
-    """Adds a scale in dB relative to 1 `unit` on the right side of a logarithmic axis. The limits
-    of the axis must not change after this call."""
+    """Adds a scale in dB on the right side of a plot with a logarithmic axis. 0 dB is 1 `unit`. The
+    limits of the axis must not change after this call."""
     right = ax.twinx()
     low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
     right.set_ylim(low, high)
@@ -132,22 +132,22 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """Returns the name that a plot shows for a model file. If the file is called "model", the plot
-    shows the name of its folder, otherwise the file name."""
+    """Returns the name under which a plot shows a model file. It is the name of the file, or that
+    of its folder if the file is called "model"."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
 def check_name(path: Path | str | None) -> None:
-    """Raises InputError if a plot cannot be written to a file with the name `path`. A caller checks
-    the name before the computation."""
+    """Raises InputError if a plot cannot be written to a file with the name `path`, because of its
+    suffix. A caller checks the name before the computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise ParameterError("out", f"{path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
-    """Writes a plot to a file. `kind` is the file format, by default the suffix of `path`. Two
-    equal plots give files with equal bytes."""
+    """Writes a plot to a file. `kind` is the file format, by default the suffix of `path`. Files of
+    equal plots have equal bytes."""
     if kind is None:
         check_name(path)
         kind = Path(path).suffix[1:]
@@ -174,7 +174,7 @@ def short_svg(svg: str) -> str:
     svg = svg.replace("</style>", f"{rules}</style>", 1)
     return re.sub(
         r"=\"([^\"'<>]*)\"", r"='\1'", svg
-    )  # a double quotation mark would become three characters in a URI
+    )  # a double quotation mark would become three characters in a data URI
 
 
 def short_path(path: str) -> str:
@@ -183,7 +183,7 @@ def short_path(path: str) -> str:
     add up."""
     found: list[str] = []
     last = (0, 0)
-    drawn = ""  # last drawing command in the shorter text
+    drawn = ""  # last drawing command in the shortened text of the SVG path
     for command, x, y in re.findall(r"([ML]) ([-.\d]+) ([-.\d]+)|z", path):
         if not command:
             found.append("z")
@@ -203,8 +203,8 @@ def short_path(path: str) -> str:
 
 
 def _numbers(point: tuple[int, int]) -> str:
-    """Returns two coordinates, given in tenths of a point, as text for SVG without unnecessary
-    characters."""
+    """Returns the text of two coordinates for SVG, without unnecessary characters. The coordinates
+    are in tenths of a point."""
     x, y = (f"{value / 10:.1f}".removesuffix(".0") for value in point)
     x, y = (re.sub(r"^(-?)0(?=\.)", r"\1", value) for value in (x, y))
     return x + ("" if y.startswith("-") else " ") + y
@@ -212,7 +212,7 @@ def _numbers(point: tuple[int, int]) -> str:
 
 def uri(figure: Figure) -> str:
     """Returns a plot as a data URI for an HTML page, and closes the Matplotlib figure. The plot is
-    transparent, so that the light or dark background of the page is visible."""
+    transparent, so that it suits a page with a light or a dark background."""
     text, image = io.StringIO(), io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None}, transparent=True)

@@ -7,7 +7,7 @@ from forceaxis._core import InputError
 
 
 class ParameterError(InputError):
-    """Error: a parameter of a library function has a value that is not accepted.
+    """Error: an argument of a library function has a value that the function does not accept.
 
     `parameter` is the name of the parameter, and `text` says what was expected of its value. The
     command line prints the option that sets this parameter instead of the name.
@@ -19,14 +19,14 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without this method, a worker process could not pass this exception to the main process.
+        # Without this method, a worker process could not pass the exception to the main process.
         return type(self), (self.parameter, self.text)
 
 
 def expect_package(where: str, module: str, package: str, extra: str) -> None:
-    """Raises InputError if a Python package is not installed. `module` is a module of the package.
-    The error text begins with `where`. `extra` is the optional dependency group of forceaxis that
-    contains the package."""
+    """Raises InputError if a Python package is not installed. `module`: a module of the package.
+    `where`: start of the error text. `extra`: optional dependency group of forceaxis that contains
+    the package."""
     if importlib.util.find_spec(module) is None:
         raise InputError(
             f"{where}: expected the package {package}; install {package} with `pip install "

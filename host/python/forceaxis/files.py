@@ -1,6 +1,6 @@
-"""Readers of files from users and other programs. A damaged or hostile file is refused with an
-error text of one line. Each reader of the package therefore uses a function of this module, or runs
-its parser in the context parsing().
+"""Readers of files that users and other programs wrote. They refuse a damaged or hostile file with
+an error text of one line. Each reader of the package therefore uses a function of this module, or
+runs its parser in the context parsing().
 
     with parsing(file, "a table of parts", "export it again"):
         rows = ...
@@ -30,14 +30,14 @@ from forceaxis.results import Json, JsonObject
 
 PACKAGE = str(Path(__file__).parent)
 # Exceptions that the content of a file can cause in a parser.
-# Another exception, such as TypeError, is an error of this package if its own code raises it.
+# Other exceptions, such as TypeError, are errors of this package if its own code raises them.
 DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
 UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file
-INTEGER_MOST = 1 << 64  # an integer in JSON must have a smaller magnitude than this number
-# largest number of characters that a message shows of an error text from another package
+INTEGER_MOST = 1 << 64  # largest magnitude of an integer in JSON, plus 1
+# largest number of characters of another package's error text that a message shows
 TEXT_MOST = 200
 
 
@@ -52,8 +52,8 @@ def first_line(error: BaseException) -> str:
 
 
 def _is_of_file(error: Exception) -> bool:
-    """Returns True if the content of a file may have caused an exception in a parser. This is so if
-    the type of the exception is in DAMAGE, or if the code of another package has raised it."""
+    """Returns True if an exception in a parser may be caused by the content of a file. This is so
+    if its type is in DAMAGE, or if the code of another package has raised it."""
     if isinstance(error, DAMAGE):
         return True
     frames = error.__traceback__
@@ -64,10 +64,10 @@ def _is_of_file(error: Exception) -> bool:
 
 @contextlib.contextmanager
 def parsing(file: Path | str, expected: str, remedy: str = "give another file") -> Iterator[None]:
-    """Context in which the content of a file is parsed. If a damaged file causes an exception,
-    raises InputError instead, with the text "FILE: expected EXPECTED, got: ...; REMEDY". An
-    InputError or OSError that names the file, and an exception from a programming error of this
-    package, are passed to the caller unchanged."""
+    """Context in which the content of a file is parsed. Replaces an exception that a damaged file
+    causes by an InputError with the text "FILE: expected EXPECTED, got: ...; REMEDY". Does not
+    change an InputError or OSError that names the file, or an exception from a programming error of
+    this package."""
     try:
         yield
     except InputError as error:
@@ -85,7 +85,7 @@ def parsing(file: Path | str, expected: str, remedy: str = "give another file") 
 
 
 def refuse(file: Path | str, expected: str, got: str, remedy: str) -> NoReturn:
-    """Raises InputError with a text of one line that consists of the arguments."""
+    """Raises InputError. Its text is one line, which consists of the arguments."""
     where = paths.display(Path(file))
     raise InputError(f"{where}: expected {expected}, got: {got}; {remedy}") from None
 
@@ -107,8 +107,8 @@ def _int(text: str) -> int:
 def json_of(text: str | bytes, has_constants: bool = False) -> Json:
     """Returns the value of a JSON text. `has_constants`: True if the text may contain NaN and
     Infinity, which standard JSON does not have. Raises ValueError or RecursionError for a damaged
-    text. Also raises ValueError for a number that is too large for a float and for an integer of
-    more than 64 bits."""
+    text. Also raises ValueError for a number that is too large for a float, or an integer of more
+    than 64 bits."""
 
     def constant(name: str) -> float:
         if has_constants:
@@ -145,8 +145,8 @@ def read_arrays(
 
 
 def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
-    """Returns an array of an NPZ file. Raises one of the exceptions in DAMAGE if the array has
-    another size than its header states."""
+    """Returns an array of an NPZ file. Raises an exception whose type is in DAMAGE if the size of
+    the array differs from that in its header."""
     data = io.BytesIO(archive.read(name))
     head = np.lib.format
     version = head.read_magic(data)
@@ -162,7 +162,7 @@ def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
 
 
 def expect_unpacked(file: Path | str, size: int) -> None:
-    """Raises InputError for a file whose content is too large when it is unpacked."""
+    """Raises InputError for a compressed file whose content is too large after decompression."""
     if size > UNPACKED_MOST_BYTES:
         refuse(
             file, f"a content of at most {UNPACKED_MOST_BYTES >> 20} MiB",

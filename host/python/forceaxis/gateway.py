@@ -1,4 +1,4 @@
-"""The names that scripts import for a session with an axis: the class Session, its errors, and
+"""The names that a script imports for a session with an axis: the class Session, its errors, and
 functions that are often used with it. See forceaxis.axis.session."""
 
 from forceaxis.axis.axis import MODES, trigger_on

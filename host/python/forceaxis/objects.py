@@ -1,5 +1,5 @@
-"""The objects of the firmware for which the module _core was compiled, and the Modbus coils and
-discrete inputs of the firmware."""
+"""The objects, Modbus coils and discrete inputs of the firmware for which the module _core was
+compiled."""
 
 from forceaxis import _core
 from forceaxis._results import AxisBit as AxisBit
@@ -11,14 +11,14 @@ OBJECTS = tuple(_core.objects())
 BY_NAME = {o.name: o for o in OBJECTS}
 COILS = tuple(_core.coils())
 DISCRETES = tuple(_core.discretes())
-# Names of the drive states. A valid statusword shows exactly one of these states.
+# Names of the drive states of CiA 402. A valid statusword shows exactly one of them.
 STATUS_STATES = tuple(_core.status_states())
 REFUSALS = {refusal.name: refusal for refusal in _core.refusals()}
 
 
 def bits_in(name: str, value: int, mode: int | None = None) -> list[ObjectBit]:
-    """Returns the bits that are 1 in a raw value of an object and have a known meaning in a mode of
-    operation."""
+    """Returns the descriptions of the bits that are 1 in a raw value of an object. Bits without a
+    known meaning in the mode of operation are left out."""
     return [
         bit for bit in BY_NAME[name].bits
         if value >> bit.bit & 1 and (not bit.modes or mode in bit.modes)
@@ -34,7 +34,7 @@ def mask(name: str, *keys: str) -> int:
 
 
 def sentence(fault: str) -> str | None:
-    """Returns a sentence that explains a fault or an emergency message, or None for an unknown
+    """Returns a sentence that explains a fault or an emergency message. Returns None for an unknown
     name."""
     codes = BY_NAME["error_code"]
     for (_, text), meaning in zip(codes.values, codes.sentences, strict=True):
@@ -68,8 +68,7 @@ def unit_in_words(known: AxisObject) -> str:
 
 def state_needed(name: str) -> str:
     """Returns the states of the axis in which an object can be written, as text for the end of an
-    error message. Returns "" for an object that can be written in every state and for an unknown
-    name."""
+    error message. Returns "" if it can be written in every state, and for an unknown object."""
     known = BY_NAME.get(name)
     if known is not None and known.writable == "disabled":
         return "; it can be written only while the axis is disabled"

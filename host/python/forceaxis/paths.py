@@ -1,5 +1,5 @@
-"""Paths of the files of this package, which differ between a checkout and an installed wheel. The
-module also contains functions that write files."""
+"""Paths of the files of this package, which differ between a checkout and an installed wheel. Also
+functions that replace files completely or not at all."""
 
 import contextlib
 import errno
@@ -12,8 +12,8 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parent
 _CHECKOUT = _PACKAGE.parents[2]
 
-# ROOT is the root folder of all files that are no Python modules.
-# A wheel has the same folders below ROOT as a checkout.
+# ROOT is the root folder of all files of the package that are not Python modules.
+# The folders below ROOT are the same in a wheel as in a checkout.
 ROOT = _CHECKOUT if (_CHECKOUT / "sim/experiments").is_dir() else _PACKAGE / "data"
 
 SIM = ROOT / "sim"
@@ -21,14 +21,16 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# Folder of the files that are generated from the object table for other programs.
+# Folder of files for other programs that were generated from the object table.
 OBJECT_FILES = ROOT / "firmware/objects/generated"
 
-PORTS = ROOT / "firmware/port"  # folder that contains a folder for each board
+# folder that contains one folder for each board on which the firmware runs
+PORTS = ROOT / "firmware/port"
 IMAGES = ROOT / "build/image"  # folder of the firmware images
 # Folders of the compiled programs that commands start, such as axis_node and gateway.
 PROGRAMS = (ROOT / "build/release/host", ROOT / "tools")
-LIBRARIES = ROOT / "build/lib"  # folder of shared libraries, which exists only in a wheel
+# folder of the shared libraries that a wheel contains; a checkout does not have it
+LIBRARIES = ROOT / "build/lib"
 
 
 def display(path: Path | str) -> str:
@@ -48,7 +50,7 @@ def quoted(path: Path | str) -> str:
 
 @contextlib.contextmanager
 def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
-    """Context that yields temporary paths to write to.
+    """Context manager that yields temporary paths, whose files replace the final files at its end.
 
     If the `with` block ends without an exception, the temporary files become the files `names` of
     the folder, and the folder is created if necessary. After an exception, such as that of Ctrl-C,
@@ -73,13 +75,13 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
             path.unlink(missing_ok=True)
         if fresh:
             with contextlib.suppress(OSError):
-                folder.rmdir()  # rmdir() fails if the folder contains the files that were written
+                # rmdir() fails, as it should, if the folder contains the written files
+                folder.rmdir()
 
 
 def replace_text(file: Path | str, text: str) -> None:
-    """Replaces the content of a file. After an error the file still has its old content. The
-    permissions of the file do not change, and a symbolic link remains a symbolic link. Raises
-    OSError."""
+    """Replaces the content of a file. After an error, the file has its old content. The permissions
+    of the file do not change, and a symbolic link remains a symbolic link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

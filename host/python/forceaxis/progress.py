@@ -1,4 +1,4 @@
-"""Progress of a long computation. On a terminal, a command shows the progress continuously. Without
+"""Shows the progress of a long computation. On a terminal, a command shows it continuously. Without
 a terminal, the command prints one line for each phase of the computation."""
 
 import contextlib
@@ -7,8 +7,8 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-shown = ""  # text about the present progress, such as "34/98 experiments"
-# function to call at the beginning of each phase; told() sets it
+shown = ""  # text about the present progress of a computation, such as "34/98 experiments"
+# function to call at the beginning of each phase of a computation; told() sets it
 _tell: Callable[[str], None] | None = None
 
 
@@ -26,8 +26,8 @@ def told(tell: Callable[[str], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def phase(text: str) -> Iterator[None]:
-    """Context of one phase of a computation, such as "designing the bank". A phase usually takes
-    some seconds."""
+    """Context manager for one phase of a computation, such as "designing the bank". A phase usually
+    takes some seconds."""
     global shown
     if _tell is not None:
         _tell(text)
@@ -39,8 +39,8 @@ def phase(text: str) -> Iterator[None]:
 
 
 def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yields the items one by one, and writes the number of finished items to `shown`. `what` is
-    the plural name of the items. `total` is the number of items, which is needed if `items` has no
+    """Yields the items one by one, and writes the number of finished items to `shown`. `what`:
+    plural name of the items. `total`: number of the items, which is necessary if `items` has no
     length."""
     global shown
     if total is None and isinstance(items, Sized):

@@ -33,7 +33,7 @@ from forceaxis._core import InputError
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    # Convertible is the type of a value that to_json() can convert.
+    # Convertible: type of the values that the function to_json() can convert.
     Convertible = (
         DataclassInstance | str | float | bool | Path | None
         | Mapping[str, "Convertible"] | Sequence["Convertible"]
@@ -47,13 +47,13 @@ KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 TYPE_WORDS: dict[type, str] = {
     float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",
 }  # fmt: skip
-SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a message shows
+SHOWN_CHARACTERS = 40  # largest number of characters that a message shows of an unexpected value
 
 
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """Returns a field of a result (a dataclass), with options for the form of the field in JSON.
+    """Returns a dataclass field for a result, with options for the form of the field in JSON.
 
     `key`: name of the field in JSON, if it differs from the name in Python. `omit_none`: True if
     JSON has no key for the value None; the default value of the field is then None. `inline`: True
@@ -66,12 +66,12 @@ def json_field(
 
 
 def json_key(field: "dataclasses.Field[Any]") -> str:
-    """Returns the JSON key of a field of a result."""
+    """Returns the key in JSON of a field of a result."""
     return field.metadata.get(KEY) or field.name
 
 
 class _UnexpectedValue(ValueError):
-    """Error: a value in JSON does not have the type of its field. The error text states the
+    """Error: a value in JSON has another type than the field of its key. The error text states the
     expected type and the value."""
 
 
@@ -84,8 +84,8 @@ def _is_scalar_union(kind: type) -> bool:
 
 
 def _read_scalar(value: Json, kind: type) -> bool | int | float | str | None:
-    """Returns `value` if the type of the value is `kind`, or one of the types of a union `kind`. An
-    integer is also accepted as a number."""
+    """Returns `value` if its type is `kind`, or is one of the types in a union `kind`. An integer
+    is also accepted for a float."""
     kinds = get_args(kind) or (kind,)
     if kind is float and type(value) is int:
         return float(value)
@@ -125,7 +125,7 @@ def _overrides(kind: type[D]) -> dict[str, Any]:
 
 
 def _to_dict(kind: type[D]) -> Callable[[D], JsonObject]:
-    # A field whose type is a string or `Any` is converted by the type of its value.
+    # cattrs converts a field whose type is a string or `Any` by the type of its value.
     with_all_fields = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 
@@ -174,9 +174,9 @@ def to_json(result: "Convertible") -> Json:
 
 
 def from_json(kind: type[T], table: Json, where: str = "") -> T:
-    """Returns the result of type `kind` from a `table` that to_json() made. Raises InputError
-    with a text that begins with `where`, for a missing or unknown key and for a value of a wrong
-    type."""
+    """Returns a result of the type `kind` from the JSON table `table`, as to_json() makes it.
+    Raises InputError for a missing or unknown key, and for a value of a wrong type. Its text begins
+    with `where`."""
     try:
         return _converter.structure(table, kind)
     except (cattrs.BaseValidationError, ValueError, TypeError, AttributeError) as error:

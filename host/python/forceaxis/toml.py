@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    # Writable is the type of a value that can be written as TOML text.
+    # Writable: type of the values that can be written as TOML text.
     Writable = (
         str | int | float | bool | Path | datetime.date | np.generic | NDArray[np.generic]
         | Sequence["Writable"] | Mapping[str, "Writable"]
@@ -64,9 +64,9 @@ def value_text(value: "Writable") -> str:
 def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
-    """Checks the keys of a table. If there are unknown keys, calls fail(key, message) once, with a
-    message about all of them. fail() must raise an exception. `kind`: text that describes the known
-    keys in the message, which otherwise lists them."""
+    """Checks the keys of a table in a TOML file. If there are unknown keys, calls the function
+    fail(key, message) once, with a message about all of them. fail() must raise an exception.
+    `kind`: text that describes the known keys in the message, which otherwise lists them."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

@@ -8,8 +8,8 @@ from forceaxis import _core, objects
 
 
 def rows() -> list[tuple[str, str]]:
-    """Returns pairs of a name and its version: program, firmware, object table, LCM types, file
-    formats."""
+    """Returns pairs (name, version) of the program, the firmware, the object table, the LCM types
+    and the file formats."""
     from forceaxis.bus import messages
 
     types = (getattr(messages, name) for name in sorted(vars(messages)) if name.endswith("_t"))

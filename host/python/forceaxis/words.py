@@ -8,9 +8,9 @@ from pathlib import Path
 
 OptionValue = str | int | float | Path | None
 
-# Characters that would control a terminal.
-# The set contains the control characters of ASCII and Latin-1.
-# Line and paragraph separators and characters that change the writing direction are also included.
+# Characters that would control a terminal on which a text is printed.
+# They are the control characters of ASCII and Latin-1, and some characters of Unicode.
+# The characters of Unicode separate lines or paragraphs, or change the writing direction.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
@@ -29,16 +29,16 @@ def plain(value: float, digits: int = 3) -> str:
 
 
 def printable(text: str, keep: str = "") -> str:
-    """Returns a text from a bus or a file as text for a terminal. Each character that would control
-    the terminal becomes a visible escape (ESC becomes `\\x1b`). The characters of `keep` do not
-    change."""
+    """Makes a text from a bus or a file safe for a terminal. Each character that would control the
+    terminal becomes a visible escape sequence (ESC becomes `\\x1b`). The characters in `keep` do
+    not change."""
     return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 
 def number(text: str | float) -> float:
-    """Returns the number that a user has written. Raises ValueError for another text. A text with
-    an underscore, such as 1_0, also raises ValueError: Python would read it as 10, but the user
-    probably meant 1.0."""
+    """Returns the number in a text that a user has written. Raises ValueError for a text that is
+    not a number. A text with an underscore, such as 1_0, is also refused: Python would read it as
+    10, but the user probably meant 1.0."""
     if "_" in str(text):
         raise ValueError(f"{text}: expected a number without underscores")
     return float(text)
@@ -50,16 +50,16 @@ def counted(number: int, noun: str) -> str:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Returns the end of a message about an unknown name: "; did you mean NAME?", or an empty
-    text."""
+    """Returns the end of a message about an unknown name: "; did you mean NAME?", or an empty text
+    if no known name is similar."""
     meant = difflib.get_close_matches(name, list(known), 2, 0.65)
     return f"; did you mean {' or '.join(meant)}?" if meant else ""
 
 
 def option_words(**options: OptionValue | Sequence[OptionValue]) -> list[str]:
     """Returns the arguments of a Python function as words of a command line. For example,
-    lcm_url="x" becomes the two words `--lcm-url` and `x`. The value True gives the option without a
-    value, and a list gives the option once for each element. None, False and an empty text give no
+    lcm_url="x" becomes the two words `--lcm-url` and `x`. True gives the option without a value,
+    and a list gives the option once for each of its elements. None, False and an empty text give no
     option."""
     words = []
     for name, given in options.items():

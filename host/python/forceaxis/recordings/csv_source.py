@@ -21,28 +21,29 @@ from forceaxis.recordings.units import is_unit, split_name
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 SEPARATOR_NAMES = {"\t": "tab", " ": "blank"}
-# A number with a decimal point (POINT), or with a decimal comma (COMMA).
+# Forms of a number: with a decimal point (POINT), and with a decimal comma (COMMA).
 POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?$")
 COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eEdD][-+]?\d+)?$")
 PLAIN = re.compile(r"[-+.0-9eE]*")
 MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "---", "#n/a")
-PROBED_LINES = 400  # number of lines from which the dialect is determined
+PROBED_LINES = 400  # number of lines at the start of a file from which the dialect is determined
 SCOPE_ROWS = ("SymbolName", "Name", "Unit", "SampleTime[ms]", "Data-Type")
 SCOPE_END = "EOF"
-SHOWN = 40  # largest number of characters of a wrong text that a message shows
+SHOWN = 40  # largest number of characters that a message shows of a text that is not a number
 
 
 @dataclass(frozen=True)
 class CsvDialect:
-    """The dialect of a CSV file, which is the form of its rows."""
+    """The dialect of a CSV file: separator, decimal sign, and number of columns of its rows."""
 
     separator: str
     decimal: str  # decimal sign: "." or ","
-    first: int  # index of the first line that is a row of numbers
+    first: int  # index of the first line of the file that is a row of numbers
     width: int  # number of columns of a row
 
     def cells(self, line: str) -> list[str]:
-        """Returns the texts of the fields of a line in this dialect."""
+        """Returns the texts of the fields of a line, which is split by the rules of this
+        dialect."""
         return _without_end(split(line, self.separator), self.width)
 
 
@@ -77,7 +78,8 @@ def instant(text: str) -> float | None:
 
 
 def _value(text: str, decimal: str) -> float | None:
-    """Returns the number in a field, NaN for an empty field, or None for another text."""
+    """Returns the number that a field contains, NaN for an empty field, or None for another
+    text."""
     if text.casefold() in MISSING:
         return float("nan")
     if (POINT if decimal == "." else COMMA).match(text):
@@ -86,23 +88,24 @@ def _value(text: str, decimal: str) -> float | None:
 
 
 def _without_end(cells: list[str], width: int) -> list[str]:
-    """Returns the fields of a line without the empty fields after a separator at its end."""
+    """Returns the fields of a line, without the empty fields that a separator at the end of the
+    line causes."""
     while len(cells) > max(width, 1) and not cells[-1]:
         cells.pop()
     return cells
 
 
 def _numbers_in(cells: list[str], decimal: str) -> int:
-    """Returns the number of fields of a line that are numbers. Returns 0 if another field contains
-    a text."""
+    """Returns how many fields of a line are numbers. Returns 0 if any field contains another
+    text."""
     good = sum(is_number(cell, decimal) for cell in cells)
     missing = sum(cell.casefold() in MISSING for cell in cells)
     return good if good + missing == len(cells) else 0
 
 
 def _run(lines: list[str], separator: str, decimal: str) -> tuple[int, int]:
-    """Returns (numbers, columns) of the longest block of lines. All lines of the block have the
-    same number of fields, and all fields are numbers or empty."""
+    """Searches for the longest block of lines with the same number of fields, in which all fields
+    are numbers or empty. Returns (number of numbers, number of columns) of this block."""
     best = (0, 0)
     width, numbers = 0, 0
     for line in lines:
@@ -124,14 +127,15 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
         for decimal in (".", ",")
         if mark != decimal
     ]
-    # The dialect with the most numbers is selected, then that with the most columns.
+    # The dialect that gives most numbers is selected; among equals, that with most columns.
     numbers, width, mark, decimal = max(found, key=lambda one: one[:2])
     if numbers < 2:
         raise InputError(
             f"{where}: expected rows of numbers within the first {PROBED_LINES} lines, got none; "
             "export the data as CSV"
         )
-    # The first row may be above the longest block. A wrong row between them is then reported.
+    # The first row of numbers may be above the longest block of rows.
+    # A wrong row between them is then reported as an error.
     first = next(
         index
         for index, line in enumerate(probed)
@@ -150,8 +154,8 @@ def dialect_of(lines: list[str], where: str, separator: str | None = None) -> Cs
 
 @dataclass(frozen=True)
 class _Header:
-    """Names and units of the columns. Also the index of the time column that belongs to each
-    column."""
+    """The header of a CSV file: names and units of the columns, and for each column the index of
+    the time column that belongs to it."""
 
     names: list[str]
     units: list[str | None]
@@ -161,8 +165,8 @@ class _Header:
 
 
 def _scope_header(rows: dict[str, list[str]]) -> _Header:
-    """Returns the header of an export of TwinCAT Scope. `rows`: {key: fields} of its first
-    lines."""
+    """Returns the header of a file that TwinCAT Scope has exported. `rows`: {key: fields} of the
+    first lines of the file."""
     texts = rows.get("SymbolName") or rows["Name"]
     key = "SymbolName" if "SymbolName" in rows else "Name"
     units = rows.get("Unit", [])
@@ -180,12 +184,12 @@ def _scope_header(rows: dict[str, list[str]]) -> _Header:
 
 
 def _header(lines: list[str], dialect: CsvDialect) -> _Header:
-    """Returns the header of a CSV file from the lines before the numbers."""
+    """Returns the header of a CSV file from the lines above the first row of numbers."""
     above = [dialect.cells(line.lstrip("#% ")) for line in lines[: dialect.first]]
     rows: dict[str, list[str]] = {}
     for cells in above:
         if cells and cells[0] in SCOPE_ROWS and len(cells) == dialect.width:
-            # the export has two rows `Name`, and the first of them is the name of the file
+            # the export has two rows `Name`; the first one contains the name of the file
             rows[cells[0]] = cells
     if {"Name", "SymbolName"} & set(rows):
         return _scope_header(rows)
@@ -211,8 +215,8 @@ def _header(lines: list[str], dialect: CsvDialect) -> _Header:
 
 
 class CsvSource(Source):
-    """A CSV file as a source. The fields of a column are converted to numbers only when the column
-    is requested. Other columns may therefore contain texts."""
+    """A CSV file as a source of recordings. The fields of a column are converted to numbers only
+    when the column is requested. Columns that are not requested may therefore contain texts."""
 
     def __init__(self, path: Path, separator: str | None = None) -> None:
         self.where = paths.display(path)
@@ -224,8 +228,8 @@ class CsvSource(Source):
         self._rows, self._numbers = self._split_rows()
 
     def _split_rows(self) -> tuple[list[list[str]], list[int]]:
-        """Returns (fields of each row, line number of each row). Raises InputError for a row with
-        another number of fields."""
+        """Splits the lines of a file into fields. Returns (fields of each row, line number of each
+        row). Raises InputError for a row with another number of fields."""
         rows, numbers = [], []
         first, width = self._dialect.first, self._dialect.width
         for number, line in enumerate(self._lines[first:], first + 1):
@@ -234,7 +238,7 @@ class CsvSource(Source):
                 continue
             if cells[0] in self._header.ends:
                 break
-            # a group of columns with a lower rate has ended
+            # Columns with a lower sampling rate have ended before this row.
             if self._header.ends and len(cells) < width:
                 cells += [""] * (width - len(cells))
             if len(cells) != width:
@@ -255,7 +259,8 @@ class CsvSource(Source):
         return super().time_name() if self._header.kind == "CSV" else self._header.names[0]
 
     def _number(self, name: str, index: int, text: str) -> float:
-        """Returns the number in a field, or NaN for an empty field. Raises InputError."""
+        """Returns the number that a field contains, or NaN for an empty field. Raises InputError
+        for another text."""
         decimal = self._dialect.decimal
         value = _value(text, decimal)
         if value is not None:
@@ -285,8 +290,8 @@ class CsvSource(Source):
 
 
 def _quick(texts: list[str]) -> Floats | None:
-    """Returns the numbers in fields that contain only digits, signs, points and exponents. Returns
-    None if a field contains something else."""
+    """Converts fields to numbers quickly, if they contain only digits, signs, points and exponents.
+    Returns None if a field contains another character."""
     if PLAIN.fullmatch("".join(texts)) is None:
         return None
     try:
@@ -296,8 +301,8 @@ def _quick(texts: list[str]) -> Floats | None:
 
 
 def _text(path: Path, where: str) -> str:
-    """Returns the text of a file in UTF-8, in UTF-16 with a byte order mark, or in Windows-1252.
-    Raises InputError."""
+    """Returns the text of a file that is encoded in UTF-8, in UTF-16 with a byte order mark, or in
+    Windows-1252. Raises InputError."""
     data = path.read_bytes()
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:

@@ -1,4 +1,4 @@
-"""Finds unusual stretches of a signal: gaps, jumps, saturation and constant stretches."""
+"""Finds unusual intervals in a recorded signal: gaps, jumps, saturation and constant intervals."""
 
 import itertools
 from collections.abc import Iterator
@@ -9,28 +9,30 @@ from numpy.typing import NDArray
 from forceaxis.recordings.signal_recording import Floats, SignalFinding
 from forceaxis.words import counted
 
-# A distance between two samples is a gap above this multiple of the sampling period.
+# A distance between two samples that is above this multiple of the sampling period is a gap.
 GAP_PERIODS = 1.6
 # A jump is a step between two samples that is this many times as large as each step around it.
-# A jump is also at least JUMP_SHARE of the range of all values.
+# A step is a jump only if it is also at least JUMP_SHARE of the range of all values.
 JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
-SATURATED_SAMPLES = 3  # number of successive samples at the largest or the smallest value
-# If a signal reaches its largest value with a step of this many quanta, it does not settle there.
+# smallest number of successive samples at an end of the range that count as saturation
+SATURATED_SAMPLES = 3
+# A signal that reaches its largest value with a step of this many quanta is cut off there.
 SATURATED_QUANTA = 3.0
-# Smallest number of equal samples that is a finding, and its smallest ratio to the usual number.
+# Smallest length in samples of a constant interval that is reported as unusual.
+# The second value is its smallest ratio to the usual length of a constant interval.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
 STATE_ENDINGS = (
     "_setpoint",
     "_command",
     "code",
     "enabled",
-)  # signals that are constant between steps
+)  # endings of the names of signals that are constant between steps
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
-    """Returns the findings about a signal: gaps, jumps, saturation and constant stretches. `values`
-    (n,): samples at the times `time_s` (n,) in s. A set-point or a command may jump and stay
-    constant."""
+    """Returns the unusual intervals of a signal: gaps, jumps, saturation and constant intervals.
+    `values` (n,): samples at the times `time_s` (n,) in s. For a set-point or a command, jumps and
+    constant intervals are usual."""
     found = list(gaps(time_s))
     if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
         found += saturations(time_s, values)
@@ -73,15 +75,16 @@ def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields a finding for each stretch at the largest or smallest value that the signal enters and
-    leaves with a steep step. A converter at an end of its range causes such a stretch."""
+    """Yields a finding for each interval at the largest or smallest value, if the signal both
+    enters and leaves it with a steep step. A converter at an end of its range causes such an
+    interval."""
     quantum = quantum_of(values)
     steps = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
     for end in (float(values.max()), float(values.min())):
         for a, b in _runs(values == end):
             steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
-            # A stretch is a finding only if the signal both enters and leaves it.
-            # A signal that is at rest at an end of its range only leaves it.
+            # An interval is saturation only if the signal both enters and leaves it with a step.
+            # A signal that was at rest at an end of its range only leaves the interval.
             inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
             if b - a >= SATURATED_SAMPLES and steep and inside:
                 yield SignalFinding(
@@ -91,11 +94,11 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
-    """Yields a finding for each long constant stretch of a signal that otherwise changes. A failed
-    sensor causes such stretches."""
+    """Yields a finding for each long constant interval of a signal that otherwise changes. A failed
+    sensor causes such intervals."""
     lengths = _equal_runs(values)
-    # Half of the samples are in runs of equal values that are at most this long.
-    # Positions at rest are often constant, so the usual length of a constant stretch is needed.
+    # Half of the samples are in intervals of equal values that are at most this long.
+    # A position at rest is often constant, so the usual length of a constant interval is needed.
     usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
     for a, b in lengths:
@@ -114,13 +117,13 @@ def quantum_of(values: Floats) -> float:
 
 
 def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns [(begin, end)], the index ranges in which an array is True."""
+    """Returns the index ranges [(begin, end)] in which an array is True."""
     turns = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
     return [(int(a), int(b)) for a, b in turns.reshape(-1, 2)]
 
 
 def _equal_runs(values: Floats) -> list[tuple[int, int]]:
-    """Returns [(begin, end)], the index ranges of successive equal values."""
+    """Returns the index ranges [(begin, end)] of successive equal values in an array."""
     turns = np.flatnonzero(np.diff(values)) + 1
     bounds = [0, *turns.tolist(), len(values)]
     return list(itertools.pairwise(bounds))

@@ -1,4 +1,4 @@
-"""Imports files of other programs as recordings."""
+"""Imports files of other programs as recordings of forceaxis."""
 
 import hashlib
 import re
@@ -27,25 +27,29 @@ NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 LEAST_SAMPLES = 8
 DELAY_MAX_S = 1.0
 RATE_MAX_HZ = 10e6
-LARGE_TIME_S = 1e5  # if times in s begin later than this, they are calendar times
+# If the times in s begin after this value, they are calendar times (s since 1970).
+LARGE_TIME_S = 1e5
 
 
 @dataclass(frozen=True)
 class SignalMap:
-    """A signal, and the column of the source with its values: NAME=[-]COLUMN[:UNIT]."""
+    """The assignment of a source column to a signal of the recording, which a user writes as
+    NAME=[-]COLUMN[:UNIT]."""
 
     name: str
     column: str
-    unit: str | None  # unit of the column; None: the unit that the source states
+    unit: str | None  # unit of the values in the column; None: the unit that the source states
     sign: int
 
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """The request for an import. The fields have the names of options of commands."""
+    """The request for an import of a recording. Its fields have the names of the command
+    options."""
 
     map: Sequence[str]
-    time: str | None = None  # column of the times as COLUMN[:UNIT]; None: search for it
+    # column with the times as COLUMN[:UNIT]; None: the import searches for it
+    time: str | None = None
     rate: float | None = None  # sampling rate in Hz for a source without times
     delay: Mapping[str, str] = field(default_factory=dict)  # {signal: delay with its unit}
     title: str = ""
@@ -53,18 +57,19 @@ class ImportRequest:
 
 @dataclass(frozen=True)
 class Imported:
-    """An imported recording, with notes for the user about the import."""
+    """An imported recording, and notes about the import for the user."""
 
     recording: SignalRecording
     notes: tuple[str, ...]
 
 
 def parse_map(text: str, source: Source) -> SignalMap:
-    """Returns the SignalMap that a text describes. Raises ParameterError, InputError."""
+    """Reads a SignalMap from a text of the form NAME=[-]COLUMN[:UNIT]. Raises ParameterError,
+    InputError."""
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
-    # In the file of a recording, names that begin with time_ belong to arrays of times.
+    # In the file of a recording, arrays whose names begin with time_ contain times.
     if not NAME.match(name) or name.startswith("time_"):
         raise ParameterError(
             "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
@@ -86,7 +91,8 @@ def parse_map(text: str, source: Source) -> SignalMap:
 
 
 def import_source(source: Source, path: Path, request: ImportRequest) -> Imported:
-    """Returns the recording with the requested signals. Raises InputError, ParameterError."""
+    """Returns a recording that contains the requested signals of a source. Raises InputError,
+    ParameterError."""
     maps = [parse_map(text, source) for text in request.map]
     if not maps:
         few = ", ".join(source.names()[:12])
@@ -115,7 +121,7 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
         if clock == len(clocks):
             clocks.append(time_s)
         values = values * (one.sign * factor)
-        # Digits that are only rounding errors are removed.
+        # Digits of the sampling rate that are only rounding errors are removed.
         rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")
         signals.append(
             RecordedSignal(
@@ -153,7 +159,7 @@ def _delay_s(name: str, text: str, names: Sequence[str]) -> float:
 def _unit_of(
     one: SignalMap, column: SourceColumn, source: Source, notes: list[str]
 ) -> tuple[str, str, float]:
-    """Returns (SI unit, unit in the source, factor) of a signal. Raises InputError."""
+    """Returns (SI unit, unit in the source, factor between them) of a signal. Raises InputError."""
     given = one.unit if one.unit is not None else column.unit
     wanted = UNITS.get(one.name)
     where = f"{source.where}: {column.name}"
@@ -185,7 +191,7 @@ def _unit_of(
 
 
 class _Times:
-    """Times of the samples of a source, in s."""
+    """The times in s at which the samples of a source were taken."""
 
     def __init__(self, source: Source, request: ImportRequest) -> None:
         self._source, self._request = source, request
@@ -200,8 +206,8 @@ class _Times:
             )
 
     def of(self, column: SourceColumn) -> tuple[Floats, Floats]:
-        """Returns (times, values) of those samples of a column that have a value. A sample that
-        repeats the previous one at the same time is left out. Raises InputError."""
+        """Returns (times, values) of the samples of a column that have a value. A sample that
+        repeats the previous sample at the same time is left out. Raises InputError."""
         has_value = ~np.isnan(column.values)
         if self._request.rate is not None:
             time_s = np.arange(len(column.values)) / self._request.rate
@@ -234,7 +240,7 @@ class _Times:
         return time_s, values
 
     def _wanted(self) -> tuple[str | None, str | None]:
-        """Returns (column, unit) that the request gives for the times."""
+        """Returns the (column, unit) of the times that the request of the user names."""
         text = self._request.time
         if text is None:
             return None, None
@@ -270,6 +276,6 @@ class _Times:
             begin_s = float(known[0]) * factor if len(known) else 0.0
             if not self._known and abs(begin_s) > LARGE_TIME_S:
                 self.origin_s = float(np.floor(begin_s))
-            # The origin is subtracted first, so that times of the day keep their digits.
+            # The origin is subtracted before the conversion to s, so that no digits are lost.
             self._known[name] = (column.values - self.origin_s / factor) * factor, column
         return self._known[name]

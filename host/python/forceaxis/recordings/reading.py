@@ -1,5 +1,5 @@
-"""Reads a file of another program as a source of recordings. The content of the file selects the
-reader."""
+"""Reads a file of another program as a source of recordings. The function that reads the file is
+selected by its content."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,9 +24,9 @@ READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
 
 
 def expect_log(path: Path) -> None:
-    """Raises InputError if a file is a table of another program. Such a file has to be imported
-    before it is a recording."""
-    if not path.is_file():  # the function that reads the log reports this
+    """Raises InputError if a file is a table of another program, because such a file has to be
+    imported before it can be used as a recording."""
+    if not path.is_file():  # A missing file is reported by the function that reads the log.
         return
     with path.open("rb") as file:
         start = file.read(64)
@@ -38,7 +38,7 @@ def expect_log(path: Path) -> None:
 
 
 def read_source(path: Path, separator: str | None = None) -> Source:
-    """Returns the source in a file. The content of the file selects the kind of source.
+    """Reads a file as a source of recordings. The content of the file selects the kind of source.
     `separator`: character between the columns of a CSV file, or None to find it. Raises InputError,
     OSError."""
     where = paths.display(path)

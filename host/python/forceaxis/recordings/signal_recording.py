@@ -34,7 +34,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 FORMAT = 1  # version of the file format
 HEADER = "recording.toml"
-# Largest distance of a time stamp from equally spaced times, as a share of their period.
+# Largest distance of a time stamp from equally spaced times, relative to their period.
 EVEN_SHARE = 0.25
 SUFFIX = ".npz"
 
@@ -65,7 +65,7 @@ INPUTS = (*COMMANDS, "force_setpoint")
 
 @dataclass(frozen=True)
 class SignalFinding:
-    """A finding about one stretch of one signal, such as a gap or a jump."""
+    """A finding about one interval of one signal, such as a gap or a jump."""
 
     kind: str  #: kind of the finding: "gap", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch
@@ -76,7 +76,7 @@ class SignalFinding:
 
 @dataclass(frozen=True)
 class SignalHeader:
-    """The entry of one signal in the header of a recording.
+    """The data of one signal in the header of a recording, without its samples.
 
     values = sign * factor * (value in the source), in `unit`. If a filter or a bus delays a signal,
     its value was true `delay_s` before its time.
@@ -95,7 +95,7 @@ class SignalHeader:
 
     @property
     def header(self) -> "SignalHeader":
-        """Returns only these fields. A RecordedSignal has samples in addition."""
+        """Returns the header of the signal alone, without the samples of a RecordedSignal."""
         names = [f.name for f in dataclasses.fields(SignalHeader)]
         return SignalHeader(**{name: getattr(self, name) for name in names})
 
@@ -111,7 +111,8 @@ class RecordedSignal(SignalHeader):
 
     @property
     def true_time_s(self) -> Floats:
-        """Returns the times in s at which the values were true, as an array (n,)."""
+        """Returns the times in s at which the values were true, as an array (n,). They are the time
+        stamps without the delay of the signal."""
         return self.time_s - self.delay_s
 
 
@@ -131,7 +132,7 @@ class RecordingSource:
 
 @dataclass(frozen=True)
 class SignalRecording:
-    """Signals over time that were recorded together."""
+    """Several signals over time that were recorded together in one recording."""
 
     title: str
     source: RecordingSource
@@ -157,8 +158,8 @@ class SignalRecording:
 
     def sampled(self, name: str, at_s: Floats) -> Floats:
         """Returns the values of a signal at the true times `at_s` (n,) in s. They are interpolated
-        between its samples. Outside of the recording, the first or last value is used. Raises
-        KeyError."""
+        between its samples. Before the first and after the last sample, the value of this sample is
+        used. Raises KeyError."""
         signal = self[name]
         return np.asarray(np.interp(at_s, signal.true_time_s, signal.values))
 
@@ -176,23 +177,24 @@ class SignalRecording:
         return np.asarray(signal.values[np.clip(last, 0, None)])
 
     def even(self, step_s: float) -> "SignalRecording":
-        """Returns the recording for a simulation with steps of `step_s`. The time stamps of each
-        signal are replaced by equally spaced times. This is done only if no stamp differs from them
-        by more than EVEN_SHARE of a step or of the period of the signal. Files with few decimals
-        have such stamps."""
+        """Returns the recording for a simulation with steps of `step_s`. Equally spaced times
+        replace the time stamps of each signal, if no stamp differs from them by more than
+        EVEN_SHARE of a step or of the period of the signal. Files that round their times have such
+        stamps."""
         signals = (replace(s, time_s=_even(s.time_s, EVEN_SHARE * step_s)) for s in self.signals)
         return replace(self, signals=tuple(signals))
 
 
 def _even(time_s: Floats, within_s: float) -> Floats:
-    """Returns the equally spaced times that fit ascending time stamps best. Some of these times may
-    be missing. Returns the stamps if one of them is too far from its time: farther than `within_s`
-    or EVEN_SHARE of the period."""
+    """Returns the equally spaced times that fit ascending time stamps best. Samples may be missing
+    between them. Returns the stamps unchanged if one of them is farther from its time than
+    `within_s` or EVEN_SHARE of the period."""
     steps = np.diff(time_s)
     if len(steps) < 2 or not np.all(steps > 0):
         return time_s
     number = np.append(0.0, np.cumsum(np.round(steps / np.median(steps))))
-    for _ in range(2):  # A median of rounded steps counts a long gap wrong, the first fit does not.
+    # The median of rounded steps gives a wrong count in a long gap. The first fit corrects it.
+    for _ in range(2):
         centre, middle = number - number.mean(), float(time_s.mean())
         if not np.any(centre):
             return time_s
@@ -207,7 +209,8 @@ def _even(time_s: Floats, within_s: float) -> Floats:
 
 
 def with_suffix(path: Path) -> Path:
-    """Returns the path of a recording. The suffix is added to `path` if it is missing."""
+    """Returns the path of the file of a recording. The suffix of recordings is added to `path` if
+    it is missing."""
     return path if path.suffix == SUFFIX else path.with_name(path.name + SUFFIX)
 
 
@@ -244,7 +247,7 @@ def write(recording: SignalRecording, path: Path) -> Path:
         paths.replacing(path.parent, path.name) as (file,),
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
-        # The date in the archive is fixed, so that equal recordings give equal bytes.
+        # The archive has a fixed date, so that the files of equal recordings have equal bytes.
         archive.writestr(zipfile.ZipInfo(HEADER), _header(recording), zipfile.ZIP_DEFLATED)
         for name, values in arrays.items():
             array = io.BytesIO()
@@ -264,7 +267,8 @@ def is_recording(path: Path | str) -> bool:
 
 
 def read(path: Path | str) -> SignalRecording:
-    """Returns the recording in a file. Raises InputError with the file and what was expected."""
+    """Returns the recording in a file. Raises InputError that names the file and what was
+    expected."""
     file = Path(path)
     where = paths.display(file)
     wrong = "a recording that `import_recording` has written"

@@ -1,4 +1,5 @@
-"""Sources of recordings. A source is a file of another program as columns of numbers with times."""
+"""Sources of recordings. A source is a file of another program, which is read as columns of numbers
+with times."""
 
 import abc
 from collections.abc import Mapping, Sequence
@@ -21,46 +22,48 @@ from forceaxis.words import suggestion
 
 Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 
-LARGEST_NUMBER = 1e100  # larger numbers show that the file is damaged
+# Largest magnitude of a number in a source. A larger number shows that the file is damaged.
+LARGEST_NUMBER = 1e100
 # Names of a column with times, in lower case, in the order of the search.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
 
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """One column of a source. `lines`: places of its values in the file, for messages."""
+    """One column of a source. `lines`: line numbers of its values in the file, for messages."""
 
     name: str
     unit: str | None  # unit that the source states
     values: Floats = field(repr=False)  # values of the column; NaN: no value
     lines: Sequence[int] = field(repr=False, default=())
-    time_column: str | None = None  # column with the times; None: the time column of the source
+    # name of the column with the times of this column; None: the time column of the source
+    time_column: str | None = None
 
     def place(self, sample: int) -> str:
-        """Returns the place of a sample as text, such as "line 7, Fz"."""
+        """Returns the place of a sample in its file as text for messages, such as "line 7, Fz"."""
         if len(self.lines):
             return f"line {self.lines[sample]}, {self.name}"
         return f"{self.name}, sample {sample}"
 
 
 class Source(abc.ABC):
-    """A file as a source of recordings. `where`: name of the file in messages. `kind`: text about
-    the kind of file."""
+    """A file that is read as a source of recordings. `where`: name of the file in messages. `kind`:
+    text that describes the kind of file."""
 
     where: str
     kind: str
 
     @abc.abstractmethod
     def names(self) -> list[str]:
-        """Returns the names of the columns, without their units."""
+        """Returns the names of the columns of the source, without units."""
 
     @abc.abstractmethod
     def column(self, name: str) -> SourceColumn:
-        """Returns the column with a name of names(). Raises InputError."""
+        """Returns the column with a name that names() contains. Raises InputError."""
 
     def find(self, text: str, parameter: str) -> str:
-        """Returns the name of the column that a user means. The user gives a name, the end of a
-        name after "/" or ".", or the number of the column from 1. Raises InputError."""
+        """Returns the full name of the column that a user means. The user writes the name, the end
+        of a name after "/" or ".", or the number of the column from 1. Raises InputError."""
         known = self.names()
         if text in known:
             return text
@@ -93,8 +96,8 @@ class Source(abc.ABC):
 
 
 class ArraySource(Source):
-    """A source that consists of arrays, such as NPZ, Parquet or messages. `times`: {column: column
-    with its times}."""
+    """A source of recordings that consists of arrays, from an NPZ file, a Parquet file or messages.
+    `times`: {column: column with its times}."""
 
     def __init__(
         self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
@@ -127,7 +130,7 @@ class ArraySource(Source):
 
 
 def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
-    """Returns the column unchanged. Raises InputError for a number that is infinite or too
+    """Returns a column unchanged. Raises InputError if one of its numbers is infinite or too
     large."""
     wrong = np.flatnonzero(np.abs(column.values) > LARGEST_NUMBER)
     if len(wrong):
@@ -169,8 +172,9 @@ def read_parquet(path: Path) -> Source:
 
 
 def read_messages(path: Path) -> Source:
-    """Returns the messages of an LCM log or of an MCAP file as a source with columns CHANNEL/field.
-    The MCAP file has messages of forceaxis, or messages in JSON. Raises InputError."""
+    """Returns the messages in an LCM log or an MCAP file as a source of recordings, with columns
+    CHANNEL/field. The messages in an MCAP file are messages of forceaxis or JSON. Raises
+    InputError."""
     with path.open("rb") as file:
         is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     kind = "MCAP" if is_mcap else "LCM log"
@@ -200,9 +204,9 @@ def read_messages(path: Path) -> Source:
 
 
 def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
-    """Returns (tables, topics, damage) for the JSON messages of an MCAP file. `tables`: {topic:
-    {field: values}} with all numbers. `topics`: those in other encodings. `damage`: one text line
-    about damage, or None."""
+    """Reads the JSON messages of an MCAP file. Returns (tables, topics, damage). `tables`: {topic:
+    {field: values}} with all numbers. `topics`: topics with messages in other encodings. `damage`:
+    one text line about damage of the file, or None."""
     from forceaxis.bus.mcap_file import McapReader
 
     rows: dict[str, list[Row]] = {}

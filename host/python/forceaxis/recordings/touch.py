@@ -1,5 +1,5 @@
-"""The first contact in a force signal. The module finds its instant and the sample at which the
-force begins to rise, and computes figures of the contact, such as the peak force.
+"""Evaluates the first contact in a force signal. The module finds the time of the contact and the
+sample at which the force begins to rise, and computes figures such as the peak force.
 
 The same functions evaluate measured and predicted signals, so both have the same definitions.
 """
@@ -13,32 +13,33 @@ from forceaxis._core import InputError
 from forceaxis.recordings.findings import quantum_of
 from forceaxis.recordings.signal_recording import Floats
 
-LEAST_BEFORE = 8  # smallest number of samples before the first contact
-# A force above all of three levels is a contact.
+LEAST_BEFORE = 8  # smallest number of samples that a recording needs before the first contact
+# A force counts as contact if it is larger than each of three levels.
 # The three levels are multiples of the noise, the largest force, and the smallest step.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
-COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
-# Two thresholds find the sample before the force rises.
-# The first threshold for the rise of the force is a multiple of the noise.
-# The second threshold for the rise of the force is a share of the largest force.
-# The result is the last sample below the first threshold before the force exceeds the second one.
+# upper bound, relative to the largest force, of the level that the smallest step gives
+COARSE_SHARE = 0.5
+# Two thresholds of the force define the sample at which the force begins to rise.
+# The first of these thresholds is a multiple of the noise of the force.
+# The second of these thresholds is a fraction of the largest force.
+# The rise begins after the last sample below the first, before the force exceeds the second.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
-LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
-# the held force is the mean of this share of the signal, at its end
+LOST_SHARE = 0.5  # A contact is lost when the force is below this fraction of the level of contact.
+# The held force is the mean over the end of the signal: this fraction of its samples.
 HELD_SHARE, HELD_LEAST = 0.2, 10
-SETTLED_SHARE = 0.05  # half width of the settling band as a share of the held force
+SETTLED_SHARE = 0.05  # half width of the settling band, relative to the held force
 IMPULSE_S = 0.025
 CONTACTS = 3  # number of contacts whose start and end times are evaluated
 
 
 @dataclass(frozen=True)
 class ForceLevel:
-    """Zero and noise of a force before the first contact, and the level that counts as contact. All
-    are in the unit of the force."""
+    """Zero and noise of a force before the first contact, and the force that counts as contact. All
+    three are in the unit of the force."""
 
     zero: float
-    noise: float  # standard deviation of the noise
-    contact: float  # from this force above the zero on, the axis is in contact
+    noise: float  # standard deviation of the noise of the force
+    contact: float  # The axis is in contact if the force exceeds the zero by at least this value.
 
 
 @dataclass(frozen=True)
@@ -84,16 +85,16 @@ def level_of(force: Floats, where: str) -> ForceLevel:
 
 
 def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
-    """Returns the time in s at which a force (n,) rises through the level of contact for the first
-    time. Returns None if there is no such time."""
+    """Returns the time in s at which a force (n,) first rises through the level of contact. Returns
+    None if it never does."""
     above = force - level.zero
     first = _first_above(above, level.contact)
     return None if first is None else _crossing(time_s, above, first, level.contact)
 
 
 def onset_of(force: Floats, level: ForceLevel) -> int:
-    """Returns the index of the last sample before a force (n,) begins to rise for the first time.
-    This is before touch_of(), at which the force has already risen to the level of contact."""
+    """Returns the index of the last sample before a force (n,) first begins to rise. This sample is
+    earlier than touch_of(), the time at which the force reaches the level of contact."""
     above = force - level.zero
     largest = float(above.max())
     first = int(np.argmax(above > RISEN_SHARE * largest))
@@ -102,15 +103,16 @@ def onset_of(force: Floats, level: ForceLevel) -> int:
 
 
 def _first_above(above: Floats, level: float) -> int | None:
-    """Returns the index of the first of two successive values above `level`, or None."""
+    """Returns the index of the first value above `level` that is followed by another one above it.
+    Returns None if there is none."""
     is_above = above > level
     places = np.flatnonzero(is_above[:-1] & is_above[1:])
     return int(places[0]) if len(places) else None
 
 
 def _crossing(time_s: Floats, values: Floats, index: int, level: float) -> float:
-    """Returns the time at which the line between the values at `index` - 1 and `index` crosses
-    `level`."""
+    """Returns the time at which the straight line between the values at `index` - 1 and `index`
+    crosses `level`."""
     if index == 0:
         return float(time_s[0])
     low, high = float(values[index - 1]), float(values[index])
@@ -145,8 +147,8 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
 def contacts_of(
     time_s: Floats, above: Floats, level: ForceLevel
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Returns (times at which contact is made again, times at which contact is lost). `above`:
-    force above its zero, an array (n,) that begins in contact."""
+    """Returns the times at which contact is made again, and the times at which contact is lost.
+    `above`: force minus its zero, an array (n,) that begins in contact."""
     starts: list[float] = []
     ends: list[float] = []
     pressed = True
