@@ -60,7 +60,7 @@ URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n
 
 
 def style(ax: Axes) -> None:
-    """Sets the style of the axes of a plot: light grid, no frame, small type."""
+    """Sets the style of the axes of a plot: light grid, no frame, small characters."""
     ax.set_axisbelow(True)
     ax.grid(True, linewidth=0.3, color=GRID)
     ax.spines[["top", "right"]].set_visible(False)

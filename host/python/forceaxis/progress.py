@@ -14,8 +14,8 @@ _tell: Callable[[str], None] | None = None
 
 @contextlib.contextmanager
 def told(tell: Callable[[str], None]) -> Iterator[None]:
-    """Context in which the library calls tell(phase) at the beginning of each phase of a
-    computation."""
+    """Context manager within which the library calls tell(phase) at the beginning of each phase of
+    a computation."""
     global _tell
     before, _tell = _tell, tell
     try:

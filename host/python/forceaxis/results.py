@@ -101,7 +101,8 @@ def _read_scalar(value: Json, kind: type) -> bool | int | float | str | None:
 
 
 def _reason(error: BaseException, _: type | None) -> str:
-    """Returns a text for the user about an error that cattrs has found at one key in JSON."""
+    """Returns a text for the user about an error that the package cattrs has found at one key in
+    JSON."""
     if isinstance(error, _UnexpectedValue):
         return str(error)
     if isinstance(error, KeyError):

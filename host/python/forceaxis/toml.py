@@ -1,5 +1,5 @@
-"""Reads TOML files with the same reader as models and experiments, and writes values as TOML
-text."""
+"""Reads TOML files with the reader that also reads models and experiments. Also writes values as
+TOML text."""
 
 import datetime
 import difflib

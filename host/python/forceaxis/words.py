@@ -15,7 +15,7 @@ _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """Returns a number with `digits` significant digits as text.
+    """Returns a number as text with `digits` significant digits, for a user.
 
     Numbers with five or more digits have separators of thousands (28,890). Numbers below 1e3 have
     an exponent if %g gives an exponent, and numbers from 1e7 on always have an exponent.

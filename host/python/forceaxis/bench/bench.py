@@ -92,7 +92,7 @@ class CaseSpeed:
     codes_differ: int | None  # number of ticks in which the ADC code differs from the reference
     events: int | None  # number of switching events; None if the tool does not count events
     tick_ns: float  # CPU time of one tick in ns
-    spread: float  # median CPU time divided by the smallest CPU time, minus 1
+    spread: float  # spread of the CPU times: median CPU time divided by the smallest one, minus 1
     runs: int
     # CPU time of the tool divided by the CPU time of forceaxis, as the median over the repetitions.
     # `times_forceaxis` is None if forceaxis was not measured.
@@ -110,7 +110,8 @@ class SweepSpeed:
     runs_per_s_two_threads: float
     # elapsed time with one thread, divided by elapsed time with two threads
     two_thread_ratio: float
-    two_thread_cpu: float  # CPU time with two threads divided by CPU time with one thread
+    # CPU time of the sweep with two threads, divided by its CPU time with one thread
+    two_thread_cpu: float
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ class BenchResult:
     """The result of the whole benchmark."""
 
     results: list[CaseSpeed]
-    missing: dict[str, str]  # {tool: reason why the tool was not measured}
+    missing: dict[str, str]  # {name of a tool: reason why this tool was not measured}
     load: float  # load average of the computer over the last minute
     sweeps: list[SweepSpeed] | None = json_field(omit_none=True)
     scaling: EventCost | None = json_field(omit_none=True)
@@ -173,7 +174,7 @@ CASES = {
 # Sweeps of 64 x 64 runs: {name: (range of the gain, range of the set-point)}.
 # The gain is in DAC codes per ADC code, the set-point is in N.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SWEEP_SIDE = 64  # number of gains of a sweep, and also number of its set-points
+SWEEP_SIDE = 64  # number of gains in a sweep; a sweep has the same number of set-points
 
 
 class Peers:
@@ -352,9 +353,9 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    # {name of a sweep: (number of runs, function)}.
-    # The function does all runs of the sweep. Its argument is the number of threads.
-    # The function returns elapsed time and CPU time of the sweep in s.
+    # {name of a sweep: (number of runs, function that does all runs of the sweep)}.
+    # The argument of the function that does the runs of a sweep is the number of threads.
+    # This function returns elapsed time and CPU time of the sweep in s.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }

@@ -69,12 +69,12 @@ class GrowthPoint:
     tool: str
     # number of states, number of switching events that forceaxis counts, or number of runs
     size: int
-    # number of switching events in a run, as the tool itself counts them; None for a sweep
+    # number of switching events in a run, as the measured tool counts them; None for a sweep
     events: int | None
     cpu_s: float  # CPU time of the run or of the whole sweep in s
-    unit_us: float  # CPU time of one tick in us; in a sweep, CPU time of one run in us
-    start_MiB: float  # peak of the resident memory before the work is done, in MiB
-    added_MiB: float  # increase of the memory peak by the work, in MiB
+    unit_us: float  # CPU time of one tick in us; for a sweep, CPU time of one run in us
+    start_MiB: float  # peak of the resident memory in MiB, before the task is done
+    added_MiB: float  # increase of the memory peak in MiB while the task is done
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Growth:
     """CPU time and peak memory as functions of the number of states, events and runs."""
 
     points: list[GrowthPoint]
-    missing: dict[str, str]  # {tool: reason why the tool was not measured}
+    missing: dict[str, str]  # {name of a tool: reason why this tool was not measured}
     load: float  # load average of the computer over the last minute
 
     def of(self, growth: str, tool: str) -> list[GrowthPoint]:
@@ -97,7 +97,7 @@ class Job:
 
     growth: str
     tool: str
-    amount: float  # number of bodies, frequency in Hz, or number of runs
+    amount: float  # size of the task: number of bodies, frequency in Hz, or number of runs
     repeat: int
 
 
@@ -263,7 +263,8 @@ def in_process(job: Job) -> GrowthPoint:
 
 
 def run(plan: GrowthPlan, repeat: int) -> Growth:
-    """Measures all sizes of a plan, each in its own process. The tools are measured in turns."""
+    """Measures all tools with all sizes of a plan, each in its own process. The tools are measured
+    in turns."""
     missing = {t: why for t, why in bench.Peers().missing.items() if t in TOOLS}
     amounts = {"states": plan.bodies, "events": plan.frequencies_Hz, "runs": plan.runs}
     jobs = [

@@ -42,7 +42,7 @@ class LinkRates:
     ticks_per_s: float  # ticks per second of the lock-step with one axis
     # ticks_per_s divided by raw_per_s: rate of the lock-step relative to the transport alone
     share: float
-    real_time: float  # simulated time divided by elapsed time, with one axis
+    real_time: float  # simulated time divided by elapsed time, for the lock-step with one axis
     six_axes_ticks_per_s: float
     six_axes_real_time: float
     repeated: int  # number of messages that had to be sent again, in all measurements together

@@ -312,7 +312,7 @@ def shared_objects(out: Path, build: Build) -> Path:
 
 
 def folders(ports: Path) -> list[Path]:
-    """Returns the folders of all boards, which are subfolders of `ports`."""
+    """Returns the folders that describe boards. They are subfolders of `ports`."""
     return sorted(path.parent for path in ports.glob(f"*/{BOARD_FILE}"))
 
 

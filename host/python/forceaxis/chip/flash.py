@@ -74,8 +74,8 @@ class Plan:
 
 
 def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Board, boards.Probe]:
-    """Returns the board for which an image was built, and the debug probe of this board. Raises
-    InputError."""
+    """Returns the board for which the image in a file was built, and the debug probe of this board.
+    Raises InputError."""
     flashable = {
         board.released.identity: (board, board.probe)
         for board in boards.known(paths.PORTS)
@@ -132,7 +132,7 @@ def plan(
             f"expected this option, because {path} overwrites the flash memory of the stored "
             f"parameters, {span(parameters)}{hint}",
         )
-    # openocd reads the path in the language Tcl, between braces.
+    # openocd reads the path of the image in the language Tcl, in which braces enclose it.
     # Between braces, Tcl gives a meaning only to braces, backslashes and control characters.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(

@@ -43,7 +43,7 @@ class Segment(NamedTuple):
 
 
 class Image(NamedTuple):
-    """The content of a firmware image file: the bytes for the flash memory."""
+    """The bytes for the flash memory that a firmware image file contains."""
 
     path: Path
     kind: str  # file format: "elf", "hex" or "bin"
@@ -128,7 +128,7 @@ def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
 
 
 def read_bin(_path: Path, data: bytes, address: int | None) -> list[Segment]:
-    """Returns the whole file as one segment that begins at `address`."""
+    """Returns the whole content of a .bin file as one segment that begins at `address`."""
     return [Segment(address or 0, data)] if data else []
 
 

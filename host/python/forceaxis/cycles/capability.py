@@ -38,7 +38,7 @@ CURVES_DRAWN = 20  # largest number of curves that one plot shows over each othe
 
 @dataclass(frozen=True)
 class Interval:
-    """A number with its 95 % confidence interval."""
+    """A number with the lower and the upper end of its 95 % confidence interval."""
 
     value: float
     low: float
@@ -64,7 +64,8 @@ class ElementStatistics:
     largest: float | None
     cp: Interval | None
     cpk: Interval | None
-    without: str  # reason why Cpk was not computed; empty if it was computed
+    # reason why Cpk was not computed for this evaluation element; empty if it was computed
+    without: str
     # values in the order of the parts; None for a part in which the evaluation element has no value
     values: list[float | None]
 
@@ -122,7 +123,7 @@ def statistics(parts: RecordedParts) -> PartStatistics:
 
 
 def _element(name: str, judged: Sequence[PartRecord], last: PartRecord) -> ElementStatistics:
-    """Returns the statistics of one evaluation element."""
+    """Returns the statistics of one evaluation element over the pressed parts."""
     found = [e for record in judged for e in record.elements if e.name == name]
     bounds = next(element for element in last.elements if element.name == name)
     values = [measured(element) for element in found]

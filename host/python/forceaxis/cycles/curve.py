@@ -37,10 +37,10 @@ COLUMNS = ("time_s", "travel_m", "force_N", "phase")
 
 @dataclass(frozen=True)
 class CurvePoints(Curve):
-    """The points of the curve of a cycle. Each array has one value for each point: time in s since
-    the start of the cycle, travel in m, force in N, and number of the phase. The travel is measured
-    from travel 0 of the program, minus the deflection of the press. The force is the measured force
-    minus the offset of a tare."""
+    """The points of the curve of a press cycle. Each array has one value for each point: time in s
+    since the start of the cycle, travel in m, force in N, and number of the phase. The travel
+    begins at travel 0 of the cycle program, and the deflection of the press is subtracted. The
+    force is the measured force minus the offset of a tare."""
 
     # number of times that the memory was full and the axis deleted every second point
     thinned: int
@@ -138,8 +138,8 @@ def picture(curve: CurvePoints, part: PartRecord, wanted: LiveProgram) -> PartPi
 
 
 def _spans(curve: CurvePoints, wanted: LiveProgram) -> Sequence[PhaseSpan]:
-    """Returns the phases of a curve in the order in which they ran. Each phase ends where the next
-    one begins."""
+    """Returns the phases of the curve of a press cycle in the order in which they ran. Each phase
+    ends where the next one begins."""
     starts = [0, *(np.flatnonzero(np.diff(curve.phase)) + 1).tolist(), len(curve.phase) - 1]
     return [
         PhaseSpan(

@@ -75,7 +75,7 @@ CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"
 # largest number of parts that the server offers as results; older parts are not offered
 RESULTS_MOST = 200
-POLL_S = 0.5  # time in s between two checks of the folder
+POLL_S = 0.5  # time in s between two checks of the folder of records for new records
 # If the last change of the folder is older than this time in ns, the folder is not read again.
 SETTLED_NS = 1_000_000_000
 # Limits of the data that a client sends: bytes of a chunk, bytes of a message, waiting messages.
@@ -143,8 +143,8 @@ class Connection(binary_server_asyncio.OPCUAProtocol):
         super().connection_lost(ex)
 
     def _wait(self) -> None:
-        """Starts the time limit for an incomplete message. Stops reading while too many messages
-        wait for processing."""
+        """Starts the time limit for an incomplete message. Stops reading from the client while too
+        many messages wait for processing."""
         if self.transport is None or self.transport.is_closing():
             return
         if self.messages.qsize() >= WAITING_MESSAGES:
@@ -166,8 +166,8 @@ binary_server_asyncio.OPCUAProtocol = Connection
 
 
 def evaluation(state: str) -> Structure:
-    """Returns the ResultEvaluation of a part. For an aborted part and for a lost result, it is "not
-    decidable"."""
+    """Returns the ResultEvaluation (OPC UA) of a pressed part. For an aborted part and for a lost
+    result, it is "not decidable"."""
     known = ua.ResultEvaluationEnum
     return {GOOD: known.OK, BAD: known.NotOK}.get(state, known.NotDecidable)
 
@@ -224,7 +224,8 @@ def trace(record: PartRecord, name: str) -> Structure | None:
 
 
 def meta_data(record: PartRecord, name: str) -> Structure:
-    """Returns the meta data of a result: the axis, the part, the program, and the time.
+    """Returns the meta data of a result: the axis, the pressed part, the cycle program, and the
+    time.
 
     Only fields of the base type are used. The library node-opcua counts the optional fields of a
     derived type wrongly, so that its clients could not read such fields.
@@ -420,7 +421,8 @@ class JoiningServer:
             )
 
     def _answer(self, name: str) -> tuple[Any, ...]:
-        """Returns the output arguments of a method that returns the result `name`."""
+        """Returns the output arguments of an OPC UA method whose answer is the result with the name
+        `name`."""
         value = self._values.get(name)
         return (
             ua.Variant(NO_HANDLE, ua.VariantType.UInt32),

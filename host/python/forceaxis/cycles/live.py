@@ -32,7 +32,7 @@ FORCE_SCALE_TOLERANCE = 0.01
 ENDED = ("good", "bad", "aborted")
 # longest time in s for storing cycle programs, including the time to erase a flash sector
 STORE_MAX_S = 15.0
-PART_TIMEOUT_S = 3600.0  # longest time in s until a cycle ends
+PART_TIMEOUT_S = 3600.0  # longest time in s to wait for the end of a press cycle
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class PartObjects(StatusObjects):
     """Objects of the axis about the running cycle in which a part is pressed."""
 
     cycle_state: str
-    cycle_number: int  # number of the part that was pressed last
+    cycle_number: int  # number that the axis gave to the part that was pressed last
     fault: str
 
 
@@ -164,8 +164,8 @@ def expect_readable(axis: Drive) -> None:
 
 
 def wait_stored(axis: Drive) -> str:
-    """Waits until a disabled axis has stored its programs and its counts of parts. Returns its
-    `cycle_store_state`. Raises Refused, NoAnswer."""
+    """Waits until a disabled axis has stored its cycle programs and its counts of parts. Returns
+    the value of the object `cycle_store_state`. Raises Refused, NoAnswer."""
     # The axis needs some ticks until it detects that data have to be stored.
     axis.link.wait(POLL_PERIOD_S)
     return axis.wait_for(

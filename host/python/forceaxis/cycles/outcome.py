@@ -19,14 +19,14 @@ MEASURED = ("good", "below", "above")
 
 @dataclass(frozen=True, slots=True)
 class PartOutcome:
-    """Outcome of the cycle of one part. If the simulation has failed, only the field `error` is
-    set."""
+    """Outcome of the press cycle of one part. If the simulation has failed, only the field `error`
+    is set."""
 
     # result of the cycle: good, bad, aborted, or the reason why there is no verdict
     state: str = ""
-    outcome: str = ""  # text that says how the cycle ended
+    outcome: str = ""  # text that says how the press cycle ended
     failed_phase: str = ""
-    verdicts: Sequence[str] = ()  # verdict on each evaluation element
+    verdicts: Sequence[str] = ()  # verdict on each evaluation element of the cycle program
     values: Sequence[float] = ()  # value of each evaluation element in SI units
     error: str = ""
 

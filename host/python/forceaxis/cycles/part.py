@@ -62,11 +62,11 @@ class PartResult:
     experiment: str
     program: str
     title: str
-    state: str  # "good", "bad", "aborted", or the reason why there is no verdict
-    outcome: str  # text that says how the cycle ended
+    state: str  # verdict "good", "bad" or "aborted", or the reason why there is no verdict
+    outcome: str  # text that says how the press cycle ended
     # name of the phase that failed; empty if the cycle ended as its program intends
     failed_phase: str
-    # number of ticks in evaluated phases whose sample of force and travel is not valid
+    # number of ticks in evaluated phases that have no valid sample of force and travel
     invalid_ticks: int
     elements: list[ElementFigure]
     phases: list[PhaseSpan]
@@ -89,7 +89,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class TickCurve(Curve):
-    """The curve of the last cycle of a simulation, with a sample for every tick."""
+    """The curve of the last press cycle of a simulation, with a sample for every tick."""
 
     # number, from 1, of the condition that ended a phase in this tick; 0 if no phase ended
     ended_by: NDArray[np.int64]
@@ -97,7 +97,7 @@ class TickCurve(Curve):
 
 @dataclass(frozen=True)
 class PartPicture:
-    """The data for the plot of a part."""
+    """The data from which the plot of a pressed part is drawn."""
 
     title: str
     state: str
@@ -167,8 +167,8 @@ def _traced(experiment: Path) -> str:
 
 
 def figure_of(element: Element, verdict: str, value: float | None) -> ElementFigure:
-    """Returns the result of an evaluation element, with its bounds. The value is None if the
-    element has found no value."""
+    """Returns the result of an evaluation element of a cycle, with its bounds. The value is None if
+    the element has found no value."""
     return ElementFigure(
         name=element.name,
         kind=element.kind,
@@ -271,7 +271,7 @@ def _physical(done: runs.Run, column: str) -> Array:
 
 
 def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[PhaseSpan]:
-    """Returns the phases of a cycle in the order in which they ran."""
+    """Returns the phases of a press cycle in the order in which they ran."""
     pieces = _pieces(curve.phase)
     step = 1 / _core.TICKS_PER_SECOND
     spans = []

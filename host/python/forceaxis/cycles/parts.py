@@ -97,12 +97,12 @@ class Distribution:
     least: float
     most: float
     mean: float = 0.0
-    # standard deviation; None for a fixed value or a uniform distribution
+    # standard deviation of a normal distribution; None for another distribution
     deviation: float | None = None
 
     def at(self, u: float) -> float:
-        """Returns the quantile of the distribution for the probability `u`. The value is rounded to
-        12 digits, so that its text is exact."""
+        """Returns the value of the distribution that belongs to the probability `u` (quantile). It
+        is rounded to 12 digits, so that its text is exact."""
         if self.deviation is None:
             return tidy(self.least + (self.most - self.least) * u)
         low, high = (

@@ -50,8 +50,8 @@ def read_program(experiment: Path, overrides: Sequence[str] = ()) -> Program:
 
 
 def number(value: Any, unit: str) -> float | None:
-    """Converts a number or a quantity in a file to a number in `unit`. Returns None if this is not
-    possible."""
+    """Converts a number or a quantity in a file to a number in `unit`. Returns None for a value
+    that cannot be converted."""
     if isinstance(value, bool) or value is None:
         return None
     if isinstance(value, int | float):

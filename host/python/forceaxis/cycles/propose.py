@@ -43,7 +43,7 @@ class Side:
     """One bound that a proposal changes. `key`: "least" or "most", the lower or the upper bound of
     the evaluation element."""
 
-    element: int  # index of the evaluation element
+    element: int  # index of the evaluation element in the cycle program
     key: str
 
 
@@ -88,7 +88,7 @@ class Proposal:
     # number of good parts that other elements or limits refuse, whatever the proposed bounds are
     refused_anyway: int
     expected: float  # expected fraction of later good parts that the changed program refuses
-    # lower end of the 95 % range of the fraction of later good parts that the program refuses
+    # lower end of the 95 % range of the fraction of refused later good parts
     low: float
     high: float  # upper end of the 95 % range of the fraction of refused later good parts
     bounds: list[MovedBounds]
@@ -155,7 +155,7 @@ def bounds_by_blocks(
     orders = [np.argsort(key, kind="stable") for key in keyed]
     # for each side: position of the next part in the list of parts that is sorted by their values
     places = [0] * len(sides)
-    last = [-1] * len(sides)  # for each side: part whose value is the bound
+    last = [-1] * len(sides)  # for each side: index of the part whose value is the bound
     taken = np.zeros(parts, dtype=bool)
     beyond = np.zeros(parts, dtype=bool)
 

@@ -90,7 +90,7 @@ class PartCounts:
     aborted: int
     # number of parts whose cycle did not start, or still ran at the end of the experiment
     no_result: int
-    failed: int  # number of simulations that ended with an error
+    failed: int  # number of parts whose simulation ended with an error
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class RatesResult:
     seconds: float
     # mean computing time in ms of a simulation that was not in the journal
     ms_per_part: float | None = json_field(default=None, omit_none=True)
-    command: str = ""  # command line that repeats the computation
+    command: str = ""  # command line that repeats the computation of the error rates
 
 
 @dataclass(frozen=True)

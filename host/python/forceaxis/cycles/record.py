@@ -22,7 +22,7 @@ CurvePoint = tuple[float, float, float]
 VERDICT, LEAST, MOST, UNIT = "_verdict", "_least", "_most", "_unit"
 ENDINGS = ("", VERDICT, LEAST, MOST, UNIT)
 NOTES_BETWEEN = "; "
-# Texts that the field `notes` of a record can contain.
+# Texts that the field `notes` in the record of a part can contain.
 MASTER_DUE, CALIBRATION_DUE = "master due", "calibration due"
 LOST = "lost"  # state of a part whose result was lost in a power cut of the axis
 
@@ -48,12 +48,12 @@ class PartRecord:
     law: str = ""
     law_crc: str = ""  # CRC of the filter bank of the force law; empty for the P law
     parameters_crc: str = ""  # CRC of all parameters that the axis stores
-    begin_tick: int = 0  # tick counter of the axis at the start of the cycle
+    begin_tick: int = 0  # value of the tick counter of the axis at the start of the cycle
     duration_s: float = 0.0
-    state: str = ""  # "good", "bad", "aborted" or "lost"
-    outcome: str = ""  # text that says how the cycle ended
+    state: str = ""  # verdict on the part: "good", "bad", "aborted" or "lost"
+    outcome: str = ""  # text that says how the press cycle ended
     phase: str = ""  # number of the last phase that ran, or of the phase in which the cycle failed
-    # number of ticks in evaluated phases whose sample of force and travel was not valid
+    # number of ticks in evaluated phases that have no valid sample of force and travel
     invalid_ticks: int = 0
     notes: list[str] = json_field(default_factory=list)
     elements: list[ElementFigure] = json_field(default_factory=list)
@@ -155,6 +155,6 @@ def from_row(row: Mapping[str, str], names: Sequence[str], where: str) -> PartRe
 
 
 def measured(element: ElementFigure) -> float | None:
-    """Returns the value of an evaluation element if it was compared with the bounds, otherwise
-    None."""
+    """Returns the value of an evaluation element if this value was compared with the bounds,
+    otherwise None."""
     return element.value if element.verdict in MEASURED else None

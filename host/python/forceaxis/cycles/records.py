@@ -49,7 +49,7 @@ def file_name(key: Key) -> str:
 
 
 def read_record(file: Path) -> PartRecord:
-    """Reads the record in a JSON file. Raises InputError."""
+    """Reads the record of one pressed part from a JSON file. Raises InputError."""
     table = files.read_json(
         file, "the record of a part as JSON",
         "restore it from a copy, or move it out of the folder",
@@ -135,7 +135,7 @@ class RecordFolder:
         return list(self._files)
 
     def record(self, key: Key) -> PartRecord:
-        """Reads the record of one part. Raises InputError."""
+        """Reads the record of one pressed part from its file. Raises InputError."""
         return read_record(self._files[key])
 
     def records(self) -> Iterator[PartRecord]:

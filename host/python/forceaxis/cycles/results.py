@@ -348,7 +348,7 @@ class Collector:
     def lost(self) -> list[PartRecord]:
         """Returns records of the results that were lost in a power cut of the axis. If there is a
         folder, writes these records to it and acknowledges the results. Records that the folder
-        already contains are not returned. Call collect() before."""
+        already contains are not returned. Call collect() before this function."""
         now = self.axis.record(WaitingObjects)
         last = now.cycle_lost_last
         if now.cycle_lost_first == 0:

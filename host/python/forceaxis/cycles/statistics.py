@@ -14,8 +14,9 @@ PARTS_LEAST = 299
 
 @dataclass(frozen=True)
 class Share:
-    """The proportion of parts with a property, and its confidence interval (Clopper and Pearson).
-    If there are no parts, the proportion is None and the interval is 0 to 1."""
+    """The proportion of parts with some property, such as good parts, and its confidence interval
+    (Clopper and Pearson). If there are no parts, the proportion is None and the interval is 0 to
+    1."""
 
     count: int
     of: int

@@ -54,7 +54,8 @@ class Variable(UnitVariable):
 
     @property
     def causality(self) -> str:
-        """The causality of the variable in FMI."""
+        """The causality of the variable, a property in FMI: input, output, parameter or
+        independent."""
         return "parameter" if self.role in ("fixed", "tunable") else self.role
 
     @property

@@ -1,5 +1,5 @@
 """Writes the co-simulation unit (FMU) of a plant or of a firmware. It is a ZIP file with the
-description, the compiled library, and the resources from which the library makes the unit."""
+description, the compiled library, and the resources that the library reads."""
 
 import hashlib
 import platform

@@ -306,7 +306,7 @@ class ResponseSettings:
     modes: dict[str, str] | None = None
 
     def replaced(self) -> dict[str, str | float | dict[str, str]]:
-        """Returns {field: value} of all fields that are not None."""
+        """Returns {field: value} of those settings that are not None."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 

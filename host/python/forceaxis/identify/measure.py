@@ -150,7 +150,8 @@ class ExcitedPlant:
         return values
 
     def states(self) -> dict[str, dict[str, float]]:
-        """Returns {element: {state: share of the measured time}}."""
+        """Returns, for each element, the fraction of the measured time in each of its states, as
+        {element: {state: fraction}}."""
         shares: dict[str, dict[str, int]] = {}
         for text, count in self.met.items():
             element, _, state = text.rpartition(": ")
@@ -296,7 +297,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     parts = 1
     if setup.inject == "volts":
         # The shortest period of the excitation has at least ten samples.
-        # The zero-order hold shifts the phase of ten samples per period by at most 18 degrees.
+        # The zero-order hold lags by half a sample: 18 degrees at ten samples in a period.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
@@ -399,8 +400,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """Returns the factor by which the range of a signal has grown since the previous period.
-    Returns None for a factor below 1.5."""
+    """Returns the factor by which the range of a signal has grown since the previous period of the
+    excitation. Returns None for a factor below 1.5."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -458,7 +459,8 @@ def estimate(
                 record, step = converter(record, setup.bits, rng)
                 factor = 4
             spectra.append(fft.rfft(record, axis=-1)[:, used])
-            power = 0.375 if setup.window == "hann" else 1.0  # mean power of the window function
+            # mean of the squared values of the window function
+            power = 0.375 if setup.window == "hann" else 1.0
             noise.append(step**2 / factor * count * power)
         U, Y = spectra
         here = slice(place, place + len(used))

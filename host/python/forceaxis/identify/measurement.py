@@ -28,11 +28,12 @@ class Comparison:
     """Test whether the response of a model agrees with a measured response."""
 
     points: int  # number of compared frequencies
-    coherent: int  # number of coherent points, with a coherence above 0.9
-    # share of the coherent points in the 95 % band; None if no point is coherent
+    coherent: int  # number of points with a coherence above 0.9 (coherent points)
+    # fraction of the coherent points that are in the 95 % band; None if no point is coherent
     inside: float | None
-    statistic: float  # chi-square statistic with 2 degrees of freedom for each point
-    p_value: float  # probability that the statistic is at least as large for a correct model
+    # chi-square statistic of the difference, with 2 degrees of freedom for each point
+    statistic: float
+    p_value: float  # probability that the chi-square of a correct model is at least as large
     # True if the model agrees with the response, which means that `p_value` is at least 0.05
     fits: bool
 
@@ -241,8 +242,8 @@ class Measurement:
             span = np.log(size[i - 1 : i + 1])
             part = (span[0] - math.log(plateau / math.sqrt(2))) / (span[0] - span[1])
             corner = float(frequency[i - 1] + part * (frequency[i] - frequency[i - 1]))
-        # Noise around 0 or 180 degrees is not a crossing.
-        # A crossing of the phase needs points at a clear distance from 0 or 180 degrees.
+        # If noise moves the phase around 0 or 180 degrees, this is not a crossing.
+        # A phase crossing needs points on both sides at a clear distance from 0 or 180 degrees.
         clear = np.flatnonzero(abs(self.response.imag) > 2 * self.radius())
         a, f = self.response.imag[clear], frequency[clear]
         crossings: list[PhaseCrossing] = []

@@ -16,7 +16,8 @@ from forceaxis.linear.curves import BodeCurve, PlantBode
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredBode(PlantBode):
-    """Responses of a model, and measured responses between the same signals. `of`: "measured"."""
+    """Frequency responses of a model, and measured responses between the same signals. `of`: the
+    text "measured"."""
 
     measured: list[MeasuredCurve]
 

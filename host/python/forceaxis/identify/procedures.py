@@ -61,7 +61,7 @@ class EstimateWithInterval:
 
 
 def finite(number: float) -> float | None:
-    """Returns `number`, or None if it is not finite, because JSON cannot represent it then."""
+    """Returns `number`, or None if it is not finite, because JSON has no infinite numbers."""
     return float(number) if math.isfinite(number) else None
 
 
@@ -80,8 +80,8 @@ def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = 
 def regression(
     columns: Reals, values: Reals, weights: Reals | None = None
 ) -> list[tuple[float, float]]:
-    """Linear least squares of `values` (n,) on `columns` (n, p). `weights` (n,): 1 / standard
-    deviation of each value.
+    """Linear least-squares fit of `values` (n,) by the columns of `columns` (n, p). `weights` (n,):
+    1 / standard deviation of each value.
 
     Returns [(coefficient, half width of its 95 % interval)]. The half widths follow from the
     residuals, by Student's distribution with n - p degrees of freedom.
@@ -313,7 +313,7 @@ def noise_of(
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    # The four fitted parameters of the vibration reduce the degrees of freedom.
+    # The four parameters of the vibration that were fitted reduce the degrees of freedom.
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise causes errors of the amplitude that do not appear in the residuals.
     # Twice the variance of rounding, step^2 / 12, covers these errors of the amplitude.
@@ -402,7 +402,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
         m: float,
         k: float,
         f: float,
-        # The product of both masses avoids a difference of nearly equal numbers.
+        # The product of the masses is used: it needs no difference of nearly equal numbers.
     ) -> float:
         return m * locked(k, f) / larger(m, k, f)
 

@@ -19,7 +19,7 @@ from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
-# Range of damping ratios in the fit.
+# Range of damping ratios of peaks and troughs in the fit of resonances.
 # With a smaller damping ratio, a peak is narrower than the spacing of the measured frequencies.
 # With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
@@ -58,8 +58,8 @@ def _pair(s: ArrayLike, hz: Reals | float, zeta: Reals | float) -> Complexes:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of the fit of a resonance model: the resonances, and the errors of the model at the
-    given frequencies."""
+    """Result of the fit of a resonance model to data: the resonances, and the errors of the model
+    at the frequencies of the data."""
 
     resonances: tuple[Resonance, ...]  #: resonances, the lowest first
     rms_db: float  #: rms error of the magnitude in dB
@@ -191,7 +191,7 @@ def _extremes(
     found, _ = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Troughs are assigned before weaker peaks are removed together with their troughs.
+    # Troughs are assigned to all peaks first. Weaker peaks are then removed with their troughs.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(signal.peak_prominences(target, found)[0])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]

@@ -76,7 +76,7 @@ class MeasurementResult(Generic[Summary]):
     # set-up of the simulated measurement; None for a measurement of a real axis
     setup: Setup | None
     measured: Measurement
-    # response (n,) of the linear model with nominal parameters; None without a model
+    # response (n,) of the linear model with its nominal parameters; None if there is no model
     model: Complexes | None
     summary: Summary
     title: str  # title of the plot

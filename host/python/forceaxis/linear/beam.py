@@ -199,8 +199,10 @@ class Beam:
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
         # Transfer functions of thesis section 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
-        # Here p^2 = rho A s^2 / (E I), and D = 4 E I b^3 (sinh X cosh X + sin X cos X).
-        # V_act / F_a = s (cosh^2 X + cos^2 X) / D, and V_tip / F_a = s 2 cosh X cos X / D.
+        # In these transfer functions, p^2 = rho A s^2 / (E I).
+        # The denominator of both is D = 4 E I b^3 (sinh X cosh X + sin X cos X).
+        # Response of the actuator: V_act / F_a = s (cosh^2 X + cos^2 X) / D.
+        # Response of the tip: V_tip / F_a = 2 s cosh X cos X / D.
         # Both transfer functions are even in p, so p may be chosen in the right half-plane.
         # With this choice, |arg X| <= pi/4, and all terms multiplied by exp(-2X) are bounded.
         s = np.asarray(s, dtype=complex)
@@ -212,7 +214,7 @@ class Beam:
         e = np.exp(-z)
         cos_part = np.exp((1j - 1) * z), np.exp(-(1j + 1) * z)  # e^-z (cos z +- j sin z)
         act = (4 * e + 1 + e * e + cos_part[0] + cos_part[1]) / 4
-        # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
+        # identity for the response of the tip: 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
         # np.where computes the formula for small |z| and that for large |z|.

@@ -1,5 +1,5 @@
-"""State space of a model with given states of its elements. It is computed from the same equations
-as the simulation."""
+"""State space of a model with given states of its elements, such as contacts that are open or
+pressed. It is computed from the same equations as the simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

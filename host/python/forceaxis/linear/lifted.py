@@ -242,7 +242,7 @@ class _Period:
         counts = 1 - ((-1 - plant.late_motion - bus.delay_ticks_in) // bus.cycle_ticks)
         sizes = [
             len(plant.A),
-            # codes that have not reached the drive yet
+            # DAC codes that were sent but have not reached the drive yet
             -((-bus.delay_ticks_out) // bus.cycle_ticks),
             counts,
             -samples.newest(0) if samples else 0,

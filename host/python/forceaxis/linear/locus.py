@@ -75,7 +75,7 @@ class Locus:
     unit: str  # unit of the gain k
     codes: float | None  # value of the object force_gain, in DAC codes per 8-bit count, for k = 1
     span_hz: float
-    at_gain: Roots  # closed-loop poles in 1/s at the marked gain
+    at_gain: Roots  # closed-loop poles in 1/s at the gain that the plot marks
 
     def table(self) -> LocusTable:
         """Returns the root locus as a LocusTable for the JSON output."""

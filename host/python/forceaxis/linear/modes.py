@@ -39,12 +39,12 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# A residue below this share of the sum of all residues is a rounding error of 0.
+# A residue counts as 0 if it is smaller than this, relative to the sum of all residues.
 NO_RESIDUE = 1e-9
 # A mode is rigid if its frequency is below this ratio to the highest frequency of all modes.
 # The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
-# All poles below this magnitude in rad/s count as equally similar to a mode of vibration at 0 Hz.
+# Below this magnitude in rad/s, all poles count as equally similar to a mode at 0 Hz.
 SLOW_RAD_PER_S = 0.06
 
 
@@ -163,9 +163,9 @@ def mechanics(
     x = [system.states.index(f"{name}.position") for name in names]
     v = [system.states.index(f"{name}.velocity") for name in names]
     root = np.sqrt(np.array([masses[name] for name in names]))
-    # In the coordinates sqrt(m) x all matrices are symmetric.
+    # In the coordinates sqrt(m) x, with the masses m, all matrices are symmetric.
     # Stuck frictions turn the equation into M x'' = P (force - K x) with a projection P.
-    # The modes of vibration lie within the range of the projection P.
+    # The shapes of all modes of vibration are in the range of P, the projection by stuck frictions.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -209,7 +209,7 @@ def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
     reading = facts.reading
     if reading and not reading.signal.startswith("drive."):
         return reading.signal
-    # A tachometer signal or a motor current follows the motion of the drive itself.
+    # A tachometer signal or a motor current follows the motion of the drive, not of the workpiece.
     body = facts.required_drive.body if facts.drive else facts.points[0]
     return f"{body}.position"
 

@@ -304,7 +304,7 @@ def sample(plants: PlantSet) -> list[Member]:
 
 
 def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
-    """Returns a function for a _Set that analyses each force loop separately."""
+    """Returns the analysis function of a _Set that analyses each force loop separately."""
     return lambda members, timings: [
         {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
         for member in members
@@ -400,9 +400,9 @@ def worst(
 
 
 def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
-    """Returns a function for a _Set that computes bandwidths and margins in C++. It computes all
-    delays of the loop together, because the plant takes most of the time. If C++ cannot tell
-    whether a loop is stable, `by_loop` analyses this loop."""
+    """Returns the analysis function of a _Set that computes bandwidths and margins in C++. It
+    computes all delays of the loop together, because the plant takes most of the time. If C++
+    cannot decide whether a loop is stable, `by_loop` analyses this loop."""
 
     def analyse(members: Sequence[Member], timings: Sequence[str]) -> list[dict[str, Figures]]:
         found: list[dict[str, Figures]] = []
@@ -416,8 +416,8 @@ def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
 
 
 def _worst_of_each(group: _Set[Figures]) -> dict[str, Entry[Figures]] | None:
-    """Searches for the worst loop for each name in FIGURES. Returns None as soon as one loop is
-    unstable."""
+    """Searches for the worst force loop with respect to each bandwidth and margin in FIGURES.
+    Returns None as soon as one loop is unstable."""
     group.cover(sample(group.plants))
     found: dict[str, Entry[Figures]] = {}
     for name in FIGURES:

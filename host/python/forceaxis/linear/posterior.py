@@ -1,5 +1,5 @@
-"""A posterior of the parameters of a model, used as a set of plants instead of ranges. It consists
-of joint samples of parameters that explain recordings of contacts."""
+"""A posterior distribution of the parameters of a model. It defines a set of plants in place of
+ranges. It consists of joint samples of parameters that explain recordings of contacts."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,7 +39,7 @@ class Posterior:
         return np.array(self.samples, dtype=float).reshape(-1, len(self.names))
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Returns the 95 % interval of a parameter."""
+        """Returns the 95 % interval of a parameter, as (lower end, upper end)."""
         low, high = np.quantile(self.table[:, self.names.index(name)], (LOW, HIGH))
         return float(low), float(high)
 

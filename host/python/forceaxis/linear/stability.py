@@ -28,15 +28,15 @@ from forceaxis.words import plain
 # A crossing of the stability boundary with a larger change of its gain is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# A gain below this ratio to the typical gain of a loop is too small for every useful law.
-# For so small a gain, rounding decides whether a loop with two integrators is stable.
+# A gain below this, relative to the typical gain of a loop, is too small for every useful law.
+# For smaller gains, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
 # A pole with a smaller magnitude is an integrator, apart from rounding errors.
 SLOWEST_POLE_RAD_PER_S = 1e-3
 # Gains, relative to the typical gain, at which the result "no limit" is checked.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)
 # Factor from one gain to the next gain of a search.
-# A search does not detect two changes between stable and unstable within one step.
+# A search does not detect two changes between stable and unstable within one step of the gain.
 GAIN_STEP_FACTOR = 1.1
 GAINS_AT_ONCE = 24  # number of gains that a search evaluates together
 ROUNDED_AGAIN = 3  # number of additional roundings of a matrix that show the effect of rounding
@@ -398,8 +398,8 @@ class Loop:
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
         """Returns the smallest gain at which rounding errors could hide a crossing of the stability
-        boundary. They could, if the rounding error of G between two frequencies of the grid exceeds
-        both Im G and GAIN_CHANGE_MAX |G|. Negligible gains do not count."""
+        boundary. At such a gain, the rounding error of G between two frequencies of the grid
+        exceeds both Im G and GAIN_CHANGE_MAX |G|. Negligible gains are ignored."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         negligible = NEGLIGIBLE_GAIN * self._typical_gain
         least = math.inf
@@ -652,7 +652,7 @@ class Loop:
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
         # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
-        # The zeros of 1 - k^2 G(s) G(-s) are the poles of a system with this positive feedback.
+        # The zeros of 1 - k^2 G(s) G(-s) are the poles of k^2 G(s) G(-s) with positive feedback.
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [

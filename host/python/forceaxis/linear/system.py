@@ -254,7 +254,8 @@ class System:
 def polynomial(roots: Matrix) -> Matrix:
     """Returns the coefficients of the real polynomial with the given roots, with the highest power
     first. The first coefficient is 1."""
-    return np.atleast_1d(np.real(np.poly(roots)))  # if there are no roots, NumPy returns a scalar 1
+    # Without roots, NumPy returns the scalar 1 as the polynomial.
+    return np.atleast_1d(np.real(np.poly(roots)))
 
 
 def find_model(text: str | Path) -> Path:

@@ -78,7 +78,7 @@ class _FrictionRow(NamedTuple):
 
 
 class _Elements(NamedTuple):
-    """The elements of a model whose default states depend on the parameters."""
+    """Those elements of a model whose default states depend on its parameters."""
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()

@@ -25,7 +25,7 @@ from forceaxis.words import plain
 
 Picture = tuple[str, Markup]  # (caption, image)
 
-# Largest number of experiments for which the report shows all plots at once.
+# Largest number of experiments up to which the report shows all plots at once.
 SHOWN_EXPERIMENTS_MAX = 6
 # Factors of the gain and of the set-point in the plot of verdicts over gain and set-point.
 # MAP_TICKS_MAX: length in ticks of the longest run for which this plot is drawn.
@@ -49,7 +49,7 @@ class ModelLaws:
     """The recommended P gain of a model, and the filter banks of all its experiments. Gain and
     filter banks are evaluated over a set of plants."""
 
-    over: str  # text with the ranges of the parameters in the set of plants
+    over: str  # text that states the ranges of the parameters in the set of plants
     p: reduced.ShortDesign
     banks: list[ExperimentBank]
 

@@ -64,7 +64,7 @@ def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
     return np.asarray(gain * oldest.open.response(frequency_hz), complex)
 
 
-# {key of a curve: (line style, name in the legend)}
+# {key of a curve in a plot: (line style, name in the legend)}
 LOOKS: dict[str, tuple[LineStyle, str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -166,8 +166,8 @@ def shown(value: float | str) -> str:
 
 
 def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
-    """Returns rows (name of a margin or bandwidth, value with law P, value with the designed
-    law)."""
+    """Returns a table with the rows (name of a margin or bandwidth, value with law P, value with
+    the designed law)."""
     names = [*FIGURES, "gain, DAC codes per count of force"]
     p = (*outcome.p.row, outcome.p.force_gain)
     own = (*outcome.worst.row, outcome.bank.force_gain)

@@ -66,7 +66,8 @@ def advice(result: Advice) -> Figure:
 
 
 def compliance(result: Compliance) -> Figure:
-    """Returns a plot of bandwidth, static error, travel and tolerated impact over the stiffness."""
+    """Returns a plot of bandwidth, static error, travel and tolerated impact over the stiffness of
+    one element of the model, such as a pad."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))

@@ -33,12 +33,13 @@ STATUSES = {
 
 @dataclass
 class Entry:
-    """An experiment of the report. It has the finished run, or the error that prevented the run."""
+    """An experiment in the report. It has the finished run, or the error that prevented the run."""
 
     file: Path
-    name: str  # path of the experiment file relative to the folder, without suffix
+    # path of the experiment file, relative to the folder of the report and without suffix
+    name: str
     done: Run | None = None  # the finished run; None if an error prevented it
-    # differences between the result of the run and the table [expect], as text lines
+    # text lines, one for each difference between the result of the run and the table [expect]
     differs: tuple[str, ...] = ()
     error: str = ""
 
@@ -142,8 +143,8 @@ def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
 
 
 def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
-    """Waits for all jobs, and returns their results. `what`: plural name of the jobs in the
-    progress line."""
+    """Waits for all jobs in worker processes, and returns their results. `what`: plural name of the
+    jobs in the progress line."""
     return [job.get() for job in progress.each(jobs, what)]
 
 

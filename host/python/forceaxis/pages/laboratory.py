@@ -54,7 +54,7 @@ def models(entries: Sequence[Entry]) -> list[ModelRow]:
 
 @dataclass(frozen=True)
 class CellGrid:
-    """A stability table of the thesis as {title of a row: cells of the row}."""
+    """A stability table of the thesis, as rows {title of a row: cells of the row}."""
 
     title: str
     columns: list[str]
@@ -153,7 +153,7 @@ class FrequencySection:
     advice: advise.Advice
     advice_image: Markup
     claims: thesis.CheckedClaims
-    # function that returns the value of a claim of the thesis as text
+    # function that returns, as text, the value of a claim about the thesis
     value: Callable[[float | str, str], str]
     modes: list[tuple[str, str, list[str]]]
     measurements: list[MeasuredFigure]
@@ -290,11 +290,12 @@ class TablesSection:
     grids: list[CellGrid]
     # table cells whose simulated verdict differs from the measured verdict of the thesis
     misses: list[tuple[str, CellResult]]
-    trials: trials.TrialsResult  # trials that could explain the verdicts of these cells
+    # trials that could explain the different verdicts of these table cells
+    trials: trials.TrialsResult
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    # (figure, number of its cells, number of correct predictions) of each fit without that figure
+    # (figure, number of cells in it, number of correct predictions) for each fit without one figure
     predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion
@@ -303,7 +304,8 @@ class TablesSection:
     stability_map: Markup
     maps: list[nonlinear.ContactMap]
     maps_image: Markup
-    friction: list[tuple[float, float]]  # result of nonlinear.friction_limits()
+    # (Coulomb force in N, gain) for each force; see nonlinear.friction_limits()
+    friction: list[tuple[float, float]]
 
 
 def tables_section(threads: int | None = None) -> TablesSection:

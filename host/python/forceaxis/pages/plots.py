@@ -1,4 +1,4 @@
-"""Plots that only the report uses."""
+"""Plots that are shown only in the report about all experiments."""
 
 from collections.abc import Mapping, Sequence
 

@@ -20,7 +20,7 @@ from forceaxis.thesis import tables
 
 @dataclass(frozen=True)
 class ReportSummary:
-    """Summary of the content of a report."""
+    """Summary of the report: numbers of experiments and of table cells."""
 
     report: str  # path of the HTML page
     experiments: int  # number of experiments

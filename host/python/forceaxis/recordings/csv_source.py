@@ -48,7 +48,7 @@ class CsvDialect:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Returns the fields of a line without blanks and quotes around them."""
+    """Returns the fields of a line of a CSV file, without blanks and quotes around them."""
     if separator == " ":
         return line.split()
     if '"' not in line:
@@ -58,12 +58,13 @@ def split(line: str, separator: str) -> list[str]:
 
 
 def is_number(text: str, decimal: str) -> bool:
-    """Returns True if a text is a number with this decimal sign, or a date and time."""
+    """Returns True if a text is a number with the decimal sign `decimal`, or is a date and time."""
     return bool((POINT if decimal == "." else COMMA).match(text)) or instant(text) is not None
 
 
 def instant(text: str) -> float | None:
-    """Returns a date with a time, or a time of the day, in s. Returns None for another text."""
+    """Converts a date with a time, or a time of the day, to seconds. Returns None for another
+    text."""
     if ":" not in text:
         return None
     try:
@@ -209,7 +210,7 @@ def _header(lines: list[str], dialect: CsvDialect) -> _Header:
         name, unit = split_name(text)
         names.append(name or f"column {place + 1}")
         given.append(units[place] if units else unit)
-    # If a name occurs twice, the number of its column is added to it.
+    # If a column name occurs twice in the header, the number of the column is added to it.
     names = [f"{n} {i + 1}" if names.count(n) > 1 else n for i, n in enumerate(names)]
     return _Header(names, given, [None] * dialect.width, "CSV")
 

@@ -50,7 +50,7 @@ class ImportRequest:
     map: Sequence[str]
     # column with the times as COLUMN[:UNIT]; None: the import searches for it
     time: str | None = None
-    rate: float | None = None  # sampling rate in Hz for a source without times
+    rate: float | None = None  # sampling rate in Hz for a source that contains no times
     delay: Mapping[str, str] = field(default_factory=dict)  # {signal: delay with its unit}
     title: str = ""
 

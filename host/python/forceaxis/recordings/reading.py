@@ -11,7 +11,8 @@ from forceaxis.recordings.csv_source import CsvSource
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
 
-TABLES = (".csv", ".tsv", ".txt", ".parquet")  # suffixes of files with a table
+# suffixes of files that contain a table of numbers, such as CSV
+TABLES = (".csv", ".tsv", ".txt", ".parquet")
 LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
 # (first bytes of a file, function that reads such a file)

@@ -49,7 +49,7 @@ UNITS = {
     "current": "A",
     "torque": "N m",
     "code": "count",  # DAC code of the firmware, -2048 to 2047
-    "enabled": "1",  # 1 while the drive is enabled, else 0
+    "enabled": "1",  # 1 while the drive is enabled, 0 while it is disabled
     "voltage_command": "V",
     "speed_command": "m/s",
     "force_command": "N",
@@ -165,9 +165,9 @@ class SignalRecording:
 
     def held(self, name: str, at_s: Floats) -> Floats:
         """Returns the values of a signal at the true times `at_s` (n,) in s, as a converter holds
-        them. Each one is the last value at or before this time. A sample may be slightly later than
-        the time: by EVEN_SHARE of the period of the signal and of the smallest step of `at_s`.
-        Raises KeyError."""
+        them: each is the value of the last sample at or before this time. A sample may be later
+        than the time by a rounding error, EVEN_SHARE of the period of the signal and of the
+        smallest step of `at_s`. Raises KeyError."""
         signal = self[name]
         late_s = 0.0
         if len(signal.time_s) > 1 and len(at_s) > 1:

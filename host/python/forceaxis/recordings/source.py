@@ -24,7 +24,7 @@ Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 
 # Largest magnitude of a number in a source. A larger number shows that the file is damaged.
 LARGEST_NUMBER = 1e100
-# Names of a column with times, in lower case, in the order of the search.
+# Usual names, in lower case, of a column with times, in the order in which they are tried.
 TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
 
 
@@ -34,7 +34,8 @@ class SourceColumn:
 
     name: str
     unit: str | None  # unit that the source states
-    values: Floats = field(repr=False)  # values of the column; NaN: no value
+    # values of the column; NaN means that the column has no value there
+    values: Floats = field(repr=False)
     lines: Sequence[int] = field(repr=False, default=())
     # name of the column with the times of this column; None: the time column of the source
     time_column: str | None = None

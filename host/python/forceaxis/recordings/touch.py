@@ -44,14 +44,14 @@ class ForceLevel:
 
 @dataclass(frozen=True)
 class ContactFigures:
-    """Figures of a contact. Times are in s after the first contact. Forces are those above the
-    zero. None means that the contact has no such value."""
+    """Figures of a contact. Times are in s after the first contact. Forces are differences from the
+    zero of the force. None means that the contact has no such value."""
 
     peak_N: float
     impulse_N_s: float  # impulse of the first 25 ms
     bounces: int  # number of contact losses
-    starts_s: tuple[float, ...]  # times in s at which contact is made again
-    ends_s: tuple[float, ...]  # times in s at which contact is lost
+    starts_s: tuple[float, ...]  # times in s after the first contact at which contact is made again
+    ends_s: tuple[float, ...]  # times in s after the first contact at which contact is lost
     settling_s: float | None
     held_N: float
 
@@ -62,7 +62,7 @@ def level_of(force: Floats, where: str) -> ForceLevel:
     head = force[: max(LEAST_BEFORE, len(force) // 50)]
     zero = float(np.median(head))
     largest = float(np.max(force - zero, initial=0.0))
-    # The levels of a converter with few bits may be far apart.
+    # The steps of a converter with few bits may be large in comparison with the force.
     steps = min(QUANTA * quantum_of(force), COARSE_SHARE * largest)
     rough = 1.4826 * float(np.median(np.abs(head - zero)))
     level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, steps)

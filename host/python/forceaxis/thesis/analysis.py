@@ -57,13 +57,13 @@ def crossing_hz(model: str, **overrides: float) -> float:
 
 
 def settings(experiment: str) -> dict[str, float]:
-    """Returns the parameter values that an experiment sets."""
+    """Returns the parameter values that an experiment file sets, as {parameter: value}."""
     values: dict[str, float] = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
     return values
 
 
 def parameter(model: str, name: str) -> float:
-    """Returns the value of a parameter of a model."""
+    """Returns the value that a model file has for one of its parameters."""
     return linear.facts(model).parameters[name].value
 
 

@@ -59,7 +59,7 @@ def rolls_off() -> str:
 
 
 def rigid_roots(k_f: float, output: str = "reading") -> np.ndarray:
-    """Returns the closed-loop poles in 1/s of the rigid robot with a perfect actuator, sorted. The
+    """Returns the sorted closed-loop poles in 1/s of the rigid robot with a perfect actuator. The
     loop feeds back the force, or the position of the joint multiplied by k_s."""
     loop = loops.force_loop("fig2_3", timing="continuous", output=output)
     volts_per_N = k_f / 40.96  # the drive of Fig 2.3 gives a force of 40.96 N/V
@@ -120,8 +120,8 @@ def alternates() -> str:
 
 
 def real_tip_zeros() -> str:
-    """Returns a text about how many zeros of the beam's tip response are real. The zeros below the
-    fifth pair of zeros are counted.
+    """Returns a text about the number of real zeros in the beam's tip response. Only the zeros
+    below the fifth pair of zeros are counted.
 
     The real zeros are sign changes of the response on the real axis. The number of all zeros
     follows from the number of turns of the response along a circle. Inside this circle, the
@@ -171,7 +171,7 @@ def lumped_beam_zeros(output: str) -> np.ndarray:
 
 
 def lumped_tip() -> str:
-    """Returns a text that describes the zeros of the lumped bending beam's tip response."""
+    """Returns a text that describes the zeros in the tip response of the lumped bending beam."""
     zeros = lumped_beam_zeros("tip")
     real = abs(zeros.imag) < 1e-9 * abs(zeros)
     pair = len(zeros) == 2 and bool(real.all()) and abs(zeros.sum()) < 1e-9 * abs(zeros).sum()
@@ -228,8 +228,8 @@ def limit_ratio(model: str, experiment: str, without: str) -> str:
 
 
 def base_lag_ratio() -> str:
-    """Returns a text that states whether a base B with little damping adds more lag with the motor
-    than with a perfect actuator."""
+    """Returns a text that states whether base B with little damping adds more lag if the drive is
+    the motor than if it is a perfect actuator."""
     lags = [
         -added_phase_deg(model, without, drive, (5.0, 60.0), **LIGHT_BASE).min()
         for model, without, drive in (
@@ -322,8 +322,9 @@ def bits_ratio() -> float:
 
 
 def beam_error_percent(output: str) -> float:
-    """Returns the largest error in per cent of a beam response with the poles and zeros of four
-    modes, up to the fourth mode. `output`: the actuator or the tip."""
+    """Returns the largest error in per cent of a beam response that is computed from the poles and
+    zeros of four modes of vibration, up to the frequency of the fourth mode. `output`: the actuator
+    or the tip."""
     return 100 * figures.BEAM.approximation_error(4, output)
 
 

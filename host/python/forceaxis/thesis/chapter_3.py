@@ -48,23 +48,23 @@ def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, floa
 
 
 def loop_rolloff_hz(k_amp: float) -> float:
-    """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower than at
-    frequency 0. The shaft is locked. The gain is k_amp k_current / (L s + R + k_amp k_current)."""
+    """Returns the bandwidth (-3 dB) in Hz of the current loop with a locked shaft. The transfer
+    function of the loop is k_amp k_current / (L s + R + k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     inductance = parameter("laboratory", "L")
     return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)
 
 
 def current_loop_gain(k_amp: float) -> float:
-    """Returns the ratio of current feedback to command at frequency 0. It is k_amp k_current / (R +
-    k_amp k_current)."""
+    """Returns the ratio of current feedback to command at frequency 0, which is k_amp k_current /
+    (R + k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     return feedback / (parameter("laboratory", "R") + feedback)
 
 
 def flatness(output: str, frequency_hz: float) -> float:
-    """Returns the gain at `frequency_hz` divided by the gain at 0.01 Hz. Both are gains of the
-    laboratory's drive from the command to the output `output`."""
+    """Returns the gain of the laboratory's drive at `frequency_hz`, divided by its gain at 0.01 Hz.
+    Both gains are from the command to the output `output`."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
     return float(high / low)
 
@@ -128,7 +128,8 @@ def same_poles() -> str:
 
 def arm_peak(first: tuple[str, bool], second: tuple[str, bool]) -> str:
     """Returns a text that states whether the resonance of the arm is lower in the first response of
-    Fig 4.14 than in the second. A response is (output, True without contact)."""
+    Fig 4.14 than in the second. A response is a pair (output, True for the response without
+    contact)."""
     low, high = (prominence_db("fig4_14", output, free, ARM_HZ) for output, free in (first, second))
     return stated(low < high, "lower", f"{low:.2g} and {high:.2g} dB")
 
@@ -147,7 +148,8 @@ def resonances_below_80() -> str:
 
 @functools.cache
 def position_step(*sets: str) -> runs.Run:
-    """Returns the run of the 36,000-count step of Fig 3.13. `sets`: overrides of the run."""
+    """Returns the simulated run of the step of 36,000 counts in Fig 3.13. `sets`: overrides of the
+    run."""
     return runs.run(paths.EXPERIMENTS / "position_step.toml", sets)
 
 
@@ -180,9 +182,9 @@ def reverses() -> str:
 
 
 def flexible_step() -> str:
-    """Returns a text that compares the step with the flexible arm of the laboratory with that of
-    the rigid robot. It states whether they differ by less than 0.2 % of the travel. The step starts
-    10 inch before the workpiece."""
+    """Returns a text that states whether the position step with the flexible arm of the laboratory
+    differs from that with the rigid robot by less than 0.2 % of the travel. The step starts 10 inch
+    before the workpiece."""
     sets = ("experiment.model=../models/laboratory.toml", "approach=0.254",
             "firmware.position_setpoint=-4000")  # fmt: skip
     moved = [one.columns["encoder"] for one in (position_step(), position_step(*sets))]
@@ -231,7 +233,8 @@ def setpoint_of_3_16() -> str:
 
 
 def first_touch(run: runs.Run) -> int:
-    """Returns the index of the last row of a run before the robot first touches the workpiece."""
+    """Returns the index of the last row of a simulated run before the robot first touches the
+    workpiece."""
     first = next(event[0] for event in run.events if event[1:] == ("sensor", "apart", "pressed"))
     return int(np.searchsorted(run.columns["time_s"], first)) - 1
 

@@ -48,8 +48,8 @@ def pwm_lag() -> str:
 
 
 def tach_over_formula() -> float:
-    """Returns the ratio of tachometer voltage to motor voltage at frequency 0, divided by this
-    ratio from the formula of thesis section 4.1.2. The motor has no load."""
+    """Returns the ratio of tachometer voltage to motor voltage at frequency 0 without load, divided
+    by the ratio that the formula of thesis section 4.1.2 gives."""
     tach, voltage = (response("fig4_5", f"drive.{name}", 1e-4) for name in ("tach", "voltage"))
     k_t, k_b, k_tach = (parameter("fig4_5", n) for n in ("k_torque", "k_back_emf", "k_tach"))
     formula = k_t * k_tach / (parameter("fig4_5", "R") * parameter("fig4_5", "b_m") + k_b * k_t)
@@ -57,12 +57,13 @@ def tach_over_formula() -> float:
 
 
 def reflected_b_m() -> float:
-    """Returns the printed damping of the motor (.02 N m s/rad) at the carriage, in N s/m."""
+    """Returns the damping of the motor that the thesis prints (.02 N m s/rad), converted to N s/m
+    at the carriage."""
     return 0.02 / printed("r_trans") ** 2
 
 
 def rotor_kg() -> float:
-    """Returns the inertia of the rotor as a mass in kg at the carriage."""
+    """Returns the inertia of the motor's rotor as an equivalent mass in kg at the carriage."""
     return printed("J_m") / printed("r_trans") ** 2
 
 
@@ -117,8 +118,8 @@ def alone_zeta() -> float:
 
 
 def motor_poles() -> str:
-    """Returns a text that states whether the two fastest poles of motor and rigid robot are at
-    higher frequencies than that at which the loop becomes unstable."""
+    """Returns a text that states whether the two fastest poles of motor and rigid robot have higher
+    frequencies than the frequency at which the loop becomes unstable."""
     hz = np.sort(abs(linear.linearise("fig4_11").poles()))[-2:] / (2 * math.pi)
     text = " and ".join(f"{one:.3g}" for one in hz)
     return stated(hz[0] > crossing_hz("fig4_11"), "beyond", f"{text} Hz")
@@ -159,16 +160,16 @@ def base_lag_deg() -> float:
 
 
 def base_excited() -> str:
-    """Returns a text that states whether the base moves more with a command at its own frequency
-    than with commands at half and at twice of it."""
+    """Returns a text that states whether a command at the natural frequency of the base moves the
+    base more than commands at half and at twice this frequency."""
     half, at, twice = abs(response("fig4_17", "base.position", [6.0, 12.0, 24.0]))
     return stated(at > max(half, twice), "more", f"{at / half:.2g} and {at / twice:.2g} times")
 
 
 def base_in_force() -> str:
-    """Returns a text that states whether the model shows the base's resonance in the force,
-    although the measurement does not. The text has its height in dB in the force and in the tip
-    acceleration."""
+    """Returns a text that states whether the model shows the resonance of the base in the force,
+    although the measurement does not. The text has the height of the resonance in dB, in the force
+    and in the tip acceleration."""
     force = prominence_db("fig4_14", "reading", False, BASE_HZ)
     tip = prominence_db("fig4_14", "tip.acceleration", True, BASE_HZ)
     return stated(force > tip / 2, "not explained", f"{force:.2g} and {tip:.2g} dB in the model")
@@ -189,8 +190,8 @@ def pole_of_4_4_2() -> float:
 
 
 def locked_ratio() -> float:
-    """Returns the frequency of the arm with its motor locked, divided by that from the formula of
-    thesis section 4.4.2. Both masses are free in this formula."""
+    """Returns the natural frequency of the arm with a locked motor, divided by the frequency from
+    the formula of thesis section 4.4.2. Both masses are free in this formula."""
     locked_hz = math.sqrt(printed("k_rf") / printed("m_r2")) / (2 * math.pi)
     return locked_hz / pole("fig4_15", 33, drive=False, free=True)[0]
 

@@ -48,16 +48,16 @@ def grip_zero_hz(model: str, near_hz: float) -> float:
 
 def cancelled() -> str:
     """Returns a text that states whether the zeros of the grip cancel the poles of the workpiece as
-    the stiffness of the grip goes to 0. Here it goes to a thousandth, with its damping in
-    proportion."""
+    the stiffness of the grip goes to 0. The computation divides the stiffness and the damping of
+    the grip by 1000."""
     softest = {name: printed(name) / 1000 for name in ("k_g", "b_g")}
     parts = [spacing("fig4_25", 40.8, 39.2), spacing("fig4_25", 39.8, 39.8, **softest)]
     return stated(parts[1] < 1e-3, "cancel", f"{100 * parts[0]:.2g} to {100 * parts[1]:.1g} %")
 
 
 def dominant() -> str:
-    """Returns a text that states whether the least damped closed-loop poles with the soft grip have
-    the frequency of the workpiece, at gain 10."""
+    """Returns a text that states whether, at gain 10 and with the soft grip, the least damped
+    closed-loop poles have the frequency of the workpiece."""
     loop = loops.force_loop("fig4_25", timing="continuous")
     poles = loop.closed_poles(loop.gain_of(10.0))
     hz = abs(poles[np.argmin(-poles.real / abs(poles))]) / (2 * math.pi)
@@ -70,7 +70,8 @@ def zeta(b: float, k: float, m: float) -> float:
 
 
 def grip_damps_robot() -> str:
-    """Returns a text that states whether the damping of the robot by the grip is negligible."""
+    """Returns a text that states whether the damping that the grip adds to the robot is
+    negligible."""
     ratio = zeta(printed("b_g"), printed("k_g"), printed("m_r"))
     return stated(ratio < 0.05, "too little", f"damping ratio {ratio:.2g}")
 
@@ -82,8 +83,8 @@ def grip_damps_sensor() -> str:
 
 
 def lead() -> str:
-    """Returns a text that states whether the zeros of the soft grip are below its poles, as those
-    of a lead compensator."""
+    """Returns a text that states whether the zeros of the soft grip have lower frequencies than its
+    poles, as in a lead compensator."""
     zeros_hz, poles_hz = grip_zero_hz("fig4_25", 68.0), pole("fig4_25", 156.0)[0]
     return stated(zeros_hz < poles_hz, "zeros first", f"{zeros_hz:.3g} and {poles_hz:.3g} Hz")
 
@@ -97,7 +98,8 @@ def contact_hz(part: float, k_s: float) -> float:
 
 
 def soft_over_none(frequency_hz: float) -> float:
-    """Returns the loop gain with the soft grip, divided by that without grip, at one frequency."""
+    """Returns the loop gain with the soft grip divided by the loop gain without a grip, at one
+    frequency."""
     soft, none = (abs(response(m, "reading", frequency_hz)) for m in ("fig4_25", "fig4_19"))
     return float(soft / none)
 
@@ -117,7 +119,8 @@ def motion_per_force(model: str) -> float:
 
 
 def together(k_g: float) -> float:
-    """Returns the motion of the sensor's mass, divided by that of the workpiece, at 20 Hz."""
+    """Returns the amplitude of the sensor's mass divided by the amplitude of the workpiece, at 20
+    Hz."""
     ends = [
         response("fig4_25", f"{body}.position", 20.0, {"k_g": k_g})
         for body in ("sensor_mass", "workpiece")

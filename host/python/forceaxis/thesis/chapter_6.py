@@ -66,9 +66,8 @@ def added_zeros() -> int:
 
 
 def bandwidth_ratio(law: str, **parameters: float) -> str:
-    """Returns a text that compares the frequencies at which the loop of rigid robot and motor
-    becomes unstable. It states whether that with the law `law` is higher than that with the gain
-    alone."""
+    """Returns a text that compares the control law `law` with a gain alone. It states whether the
+    loop of rigid robot and motor becomes unstable at a higher frequency with this law."""
     spec = loops.LoopSpec(law, "continuous", parameters=parameters)
     hz = spec.around("fig4_11").limit().frequency_hz
     return "higher: no limit" if hz is None else compared(hz / crossing_hz("fig4_11"), "higher")
@@ -106,8 +105,8 @@ def two_links() -> str:
 
 
 def arm_is_stable(arm: TwoLinkArm, output: str) -> bool:
-    """Returns True if the arm is stable at gains from 1 to 1e6 N m/rad or N. Torque 1 feeds back a
-    position plus 0.1 s times its velocity, and a damper acts on joint 2."""
+    """Returns True if the two-link arm is stable at gains from 1 to 1e6 N m/rad or N. Torque 1
+    feeds back a position plus 0.1 s times its velocity, and a damper acts on joint 2."""
     system = replace(arm, d2=20.0).system().select(("torque1",), (output,))
     fed = system.C + 0.1 * system.C @ system.A
     closed = (system.A - gain * system.B @ fed for gain in np.geomspace(1.0, 1e6, 25))
@@ -116,8 +115,8 @@ def arm_is_stable(arm: TwoLinkArm, output: str) -> bool:
 
 def zeros_limit() -> str:
     """Returns a text that states whether zeros in the right half-plane limit the gain of the
-    two-link arm. If they do, its endpoint has a limit. Its joint, and an endpoint without such
-    zeros, have none."""
+    two-link arm. This is so if only the endpoint with such zeros has a critical gain. The joint,
+    and an endpoint without such zeros, then have none."""
     endpoint = arm_is_stable(TwoLinkArm(), "normal")
     others = arm_is_stable(TwoLinkArm(), "joint1") and arm_is_stable(MASS_AT_THE_END, "normal")
     return "limit the gain" if others and not endpoint else "do not limit the gain"

@@ -1,4 +1,4 @@
-"""The check of the thesis: compares the numbers that the thesis quotes with those that its models
+"""Checks the thesis: compares the numbers that the thesis quotes with the numbers that its models
 give.
 
 Each chapter has a module with its claims. The file sentences.toml lists the sentences of the thesis
@@ -26,7 +26,7 @@ class CheckedClaims:
     claims: list[CheckedClaim]
     agree: int  # number of claims with which the models agree
     differ: int  # number of claims with which the models disagree
-    # number of claims that differ from the models without a known reason
+    # number of claims with which the models disagree without a known reason
     unexplained: int
 
 

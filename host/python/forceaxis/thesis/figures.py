@@ -23,7 +23,7 @@ Source = Callable[[], Data]
 # keyword arguments of a drawing function, as {name: value}
 Options = Mapping[str, str | float | tuple[float, float]]
 
-# Inputs and outputs of the frequency responses.
+# Input and output of each frequency response that the figures show.
 # VOLTAGE is the response from command voltage to measured force.
 # FORCE is the response from the force of a perfect actuator to measured force.
 # TACH is the response from command voltage to tachometer voltage.
@@ -48,7 +48,7 @@ class ThesisFigure:
     kind: str  # kind of the plot, a key of DRAWINGS
     title: str
     see: str  # text about what the reader sees in the plot
-    data: Source  # function that computes the data of the plot
+    data: Source  # function that computes the data of the plot for the drawing function
     # further arguments of the function that draws the plot
     options: Options = field(default_factory=dict)
 
@@ -103,7 +103,7 @@ def beam_curves() -> list[curves.Curve]:
     distributed-parameter beam, at its actuator and at its tip."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    # The beam is undamped. Its poles and zeros get the damping ratio 0.001 here.
+    # The exact beam has no damping. For the plot, its poles and zeros get the damping ratio 0.001.
     roots = roots - 1e-3 * np.abs(roots)
     frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800

@@ -12,14 +12,14 @@ from forceaxis import _core, paths
 from forceaxis.experiments.verdicts import NOT_STABLE
 from forceaxis.linear import loops
 
-# Gains and initial gaps of the table of runs in contact.
+# Gains and initial gaps of the runs in the table about contact with the workpiece.
 # A gain is a multiple of the largest stable gain of the linear loop.
 # A gap is the distance in m between robot and workpiece.
 GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
 GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 
 # Runs with Coulomb friction: friction forces in N (COULOMB), gains and initial gaps.
-# Gains and gaps of these runs are defined as those of GAINS and GAPS.
+# The gains and gaps of runs with Coulomb friction are defined as those of GAINS and GAPS.
 COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
 FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
 FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
@@ -32,7 +32,7 @@ class ContactMap:
 
     title: str
     limit: float  # largest gain at which the linear, sampled loop is stable
-    hz: float  # frequency in Hz of the oscillation at this largest gain
+    hz: float  # frequency in Hz of the oscillation at the largest stable gain of the linear loop
     cycles: NDArray[np.bool_]
     command: str  # command line with which the user can repeat one of the runs
 

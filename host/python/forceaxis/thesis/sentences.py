@@ -17,7 +17,7 @@ class Sentence:
     """One quantitative sentence of the thesis. It has the claims, tests or figures that check it,
     or the reason why it cannot be checked."""
 
-    says: str  # content of the sentence in other words
+    says: str  # content of the sentence of the thesis, in other words
     rows: tuple[str, ...] = ()  # names (`what`) of the claims that check the sentence
     # names of tests, such as "tests/FOLDER/FILE.py::NAME" or "ctest:NAME"
     tests: tuple[str, ...] = ()

@@ -57,7 +57,7 @@ class ObservedSession:
     counts."""
 
     software: int  # value of the object `object_table_hash`
-    position_after_move_cnt: int  # position in encoder counts after the move
+    position_after_move_cnt: int  # position of the axis in encoder counts after the move
     force_held_cnt: float
     position_in_contact_cnt: int  # position in encoder counts while the axis is in contact
     force_after_cnt: float  # measured force after the impact, in 8-bit counts
@@ -86,7 +86,8 @@ class SessionResult(ObservedSession):
     trace_hash: NodeHashes
     replayed_hash: str
     journal: JournalFacts
-    plant_overruns: int  # number of ticks that the plant program computed too late for real time
+    # number of ticks that the program of the plant computed too late for real time
+    plant_overruns: int
     fault: str
     folder: str  # folder to which the session wrote its files
 
@@ -227,7 +228,7 @@ def machine(
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # The watchdog time is long, because a guest kernel on a busy computer sometimes pauses.
+        # The watchdog time is long, because a guest kernel pauses at times on a busy computer.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}

@@ -35,8 +35,8 @@ Point = tuple[int, ...]
 
 
 class StaleFit(Exception):
-    """Error: the stored fit of the constants was made with other models, other experiments or
-    another grid."""
+    """Error: the stored fit of the constants is too old. It was made with other models, other
+    experiments or another grid."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class CellRun:
     criterion: Criterion
     fault: str
     trace_hash: str
-    overridden: list[str]  # names of the parameters that the run has changed
+    overridden: list[str]  # names of the parameters that this run has changed
 
 
 @dataclass(frozen=True)
 class CellResult(Cell):
-    """A cell of a stability table, the verdict of its simulated run, and the reason for this
-    verdict."""
+    """A cell of a stability table with the verdict of its simulated run. If this differs from the
+    measured verdict, the cell also has the reason."""
 
     ours: str  # verdict of the simulated run: "stable" or "unstable"
     metrics: Metrics
@@ -105,8 +105,9 @@ class TablesResult:
     cells: list[CellResult]
     matched: int  # number of cells whose simulated verdict equals the measured verdict
     total: int
-    fitted: dict[str, float]  # values of the fitted constants: {constant: value}
-    overridden: list[str]  # names of parameters printed in the thesis that a run has changed
+    fitted: dict[str, float]  # values of the fitted constants, as {name of the constant: value}
+    # names of those parameters printed in the thesis that the runs have changed
+    overridden: list[str]
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ class Sensitivity:
     factor: float
     value: float
     score: int  # number of cells whose simulated verdict equals the measured verdict
-    changed: list[str]  # keys (see `key_of`) of the cells whose simulated verdict changes
+    # keys of the cells whose simulated verdict changes; see the function key_of()
+    changed: list[str]
 
 
 @dataclass(frozen=True)
@@ -127,9 +129,9 @@ class Constant:
     parameter, the cells that depend on it, and the grid of the search."""
 
     name: str
-    how: str  # text that names the measurement that determines the constant
+    how: str  # text that names the measurement by which the constant can be determined
     grid: tuple[float, ...]
-    # names of the groups of cells that depend on the constant; empty: all groups
+    # names of the groups of table cells that depend on the constant; empty: all groups depend on it
     groups: tuple[str, ...] = ()
 
 
@@ -138,7 +140,7 @@ class Alternative:
     """Another interpretation of a sentence of the thesis, described by changed parameter values."""
 
     what: str
-    set: list[str]  # texts "parameter=value" that change the model
+    set: list[str]  # overrides "parameter=value" of the model for this interpretation
 
 
 @dataclass(frozen=True)
@@ -166,11 +168,12 @@ class Trial:
     """A change of the model that could explain a cell with different verdicts. One or two
     parameters are varied over a range."""
 
-    cell: str  # key of this cell, see `key_of`
+    cell: str  # key of the table cell that the trial could explain; see the function key_of()
     what: str
-    of: dict[str, str]  # {field of Cell: value} of those cells whose run the trial changes
+    # {field of Cell: value}: conditions for the cells whose run the trial changes
+    of: dict[str, str]
     vary: tuple[Variation, ...]
-    set: tuple[str, ...] = ()  # overrides of each run of the trial
+    set: tuple[str, ...] = ()  # overrides that the trial sets in each of its runs
     # overrides of this trial in the joint run of all chosen trials; empty if it is not chosen
     taken: tuple[str, ...] = ()
 
@@ -181,7 +184,8 @@ class Trial:
 
 @dataclass(frozen=True)
 class SourcedParameter:
-    """A parameter of sim/models/thesis.toml, with the source of its value."""
+    """A parameter of the file sim/models/thesis.toml, with its value and the source of this
+    value."""
 
     value: int | float
     unit: str
@@ -206,10 +210,10 @@ class OmittedFigure:
 class FitRecord:
     """The stored result of the fit of the constants to the stability tables."""
 
-    inputs_hash: str  # evidence_hash() of the files to which the constants were fitted
+    inputs_hash: str  # hash by evidence_hash() of the files to which the constants were fitted
     grid: dict[str, list[float]]  # {constant: searched values}
     points: int  # number of points of the grid
-    # number of grid points at which the cells of the test "disturbance" were simulated too
+    # number of grid points at which the cells of the "disturbance" test were also simulated
     points_with_strikes: int
     fitted: dict[str, float]  # {constant: fitted value}
     score: int  # number of fitted cells whose simulated verdict equals the measured verdict
@@ -218,7 +222,7 @@ class FitRecord:
     left_out: list[OmittedFigure]
     # {constant: [(ratio to the fitted value, number of table cells with equal verdicts)]}
     plateau: dict[str, list[tuple[float, int]]]
-    # (name of the open choice, interpretation, score) of each other interpretation
+    # (name of the open choice, interpretation, score) of each interpretation that is not used
     readings: list[tuple[str, str, int]]
 
 
@@ -229,7 +233,7 @@ class Tables:
     cells: list[Cell]
     experiments: dict[str, str]  # {"test/grip": experiment file}
     workpieces: dict[str, dict[str, float]]  # {workpiece: parameter values}
-    # name of the parameter for the set-point of cells whose set-point the thesis does not state
+    # name of the parameter that gives the set-point of those cells for which the thesis states none
     unstated_setpoint: str
     # names of the groups of cells to which the constants are fitted; other cells are predicted
     fit_on: tuple[str, ...]
@@ -258,7 +262,7 @@ class Tables:
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
         """Returns (experiment, overrides) for the simulated run of a table cell. `constants`:
-        {parameter: value} of constants that are tried."""
+        {parameter: value} of constants whose effect is tried."""
         setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
             f"firmware.force_gain={cell.force_gain}",
@@ -495,8 +499,9 @@ def fit(threads: int | None = None) -> FitRecord:
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """Returns {grid point: score} of one group of table cells. A grid point has only the
-        coordinates of those constants that affect the group."""
+        """Returns the scores {grid point: number of cells with equal verdicts} of one group of
+        table cells. A grid point has only the coordinates of those constants that affect the
+        group."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [

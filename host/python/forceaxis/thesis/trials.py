@@ -1,6 +1,6 @@
-"""Trials of changed parameters that could explain those cells of the stability tables whose
-verdicts differ. The file tables.toml defines the trials. The result of a trial has the number of
-equal verdicts at each point of its range."""
+"""Trials of changed parameters that could explain why the simulated verdict of a cell differs from
+the measured one. The file tables.toml defines the trials. The result of a trial has the number of
+cells with equal verdicts at each point of its range."""
 
 import itertools
 import shlex
@@ -48,8 +48,8 @@ class TrialsResult:
     """The scores of all trials, and the score of all chosen trials together."""
 
     trials: list[TrialScores]
-    together: int  # number of equal verdicts with all chosen trials together
-    together_sets: list[str]  # overrides of all chosen trials together
+    together: int  # number of cells with equal verdicts when all chosen trials are applied together
+    together_sets: list[str]  # overrides of the run in which all chosen trials are applied together
 
 
 def run(cells: Sequence[CellResult], threads: int | None = None) -> TrialsResult:
