@@ -151,8 +151,8 @@ class Beam:
 
     @property
     def rate(self) -> float:
-        """The factor sqrt(E I / (rho A)) / l^2 of the beam in rad/s. The mode of vibration that
-        belongs to a root y of the beam equation has y^2 times this frequency."""
+        """The factor sqrt(E I / (rho A)) / l^2 of the beam in rad/s. For a root y of the beam
+        equation, the natural frequency of the beam is y^2 times this factor."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
