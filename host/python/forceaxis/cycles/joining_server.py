@@ -255,7 +255,8 @@ def meta_data(record: PartRecord, name: str) -> Structure:
 
 
 def result_data(record: PartRecord, name: str) -> Structure:
-    """Converts a record to a ResultDataType, whose content is a JoiningResultDataType."""
+    """Converts the record of a pressed part to the type ResultDataType of OPC UA, whose content is
+    a JoiningResultDataType."""
     content = ua.JoiningResultDataType(
         OverallResultValues=[measured_value(element) for element in record.elements],
         Trace=trace(record, name),

@@ -38,8 +38,8 @@ def is_within(element: Element, value: float) -> bool:
 
 
 def with_program(overrides: Sequence[str], program: Path | None) -> list[str]:
-    """Adds the override that replaces the cycle program of an experiment. `program`: file of the
-    new program, or None for no change."""
+    """Returns `overrides` with one more override, which replaces the cycle program of an
+    experiment. `program`: file of the new program, or None for no change."""
     return [*overrides, *([] if program is None else [f"{KEY}={program.resolve()}"])]
 
 

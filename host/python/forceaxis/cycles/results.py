@@ -458,7 +458,7 @@ def press(axis: Drive, wanted: LiveProgram, serial: str = "") -> PartRecord:
     try:
         fault = live.start(axis, wanted)
     except BaseException:
-        # If no cycle has started, the next part must not get this serial number.
+        # After a failed start, the serial number is deleted, so that the next part does not get it.
         with contextlib.suppress(Refused, NoAnswer):
             axis.link.write(dict.fromkeys(words, 0) if serial else {})
         raise

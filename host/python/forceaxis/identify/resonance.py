@@ -69,8 +69,8 @@ class Fit:
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
-        """The product of all resonances R_i as a Factored, with zeros and poles in 1/s and a
-        gain."""
+        """The product of all resonances R_i as an object of the class Factored, with zeros and
+        poles in 1/s and a gain."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)

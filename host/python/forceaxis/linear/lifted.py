@@ -248,7 +248,7 @@ class _Period:
             -samples.newest(0) if samples else 0,
             _SincFilter.states(order) if order else 0,
             laws,
-            1,  # row of coefficients that gives the output of the law in the last tick
+            1,  # state for the output of the law in the last tick, as a row of coefficients
             1 if plant.derivative_s else 0,  # reading of the last tick
         ]
         self.size = sum(sizes)

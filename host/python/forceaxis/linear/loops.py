@@ -360,9 +360,9 @@ def _sampling(spec: LoopSpec, known: PlantFacts) -> SamplingFacts | None:
 def _samples(
     spec: LoopSpec, path: str, sampling: SamplingFacts | None, cycle_ticks: int
 ) -> list[Samples | None]:
-    """Returns the sample times of the force, once for each phase relative to the ticks with which
-    the loop has to be analysed. `sampling`: None for a sample in each tick. Raises InputError if
-    the sample times do not repeat within PERIOD_TICKS_MAX ticks."""
+    """Returns the sample times of the force sensor for all phases between samples and ticks that
+    have to be analysed. `sampling`: None for a sample in each tick. Raises InputError if the sample
+    times do not repeat within PERIOD_TICKS_MAX ticks."""
     if sampling is None:
         return [None]
     if spec.law == "derivative":

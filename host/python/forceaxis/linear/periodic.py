@@ -157,8 +157,9 @@ class PeriodicLoop(Loop):
         return result
 
     def _growths(self, gains: Matrix) -> Matrix:
-        """Returns the growth of the closed-loop poles at each gain; see Loop._growths(). The poles
-        are computed in double precision, which is faster."""
+        """Returns, for each gain, how far the outermost closed-loop pole is outside of the
+        stability boundary. Double precision is used here, which is faster than in
+        Loop._growths()."""
         poles = np.linalg.eigvals(np.array([self._closed_minimal(k) for k in gains], float))
         found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
         return found

@@ -209,7 +209,7 @@ class LoopSet:
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """Returns (k, `force_gain`), the gain at which the force loops of the set are drawn.
+        """Returns the gain at which the force loops of the set are drawn, as (k, `force_gain`).
         Without a given gain, k is half the largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain

@@ -32,8 +32,8 @@ class ExperimentInputs:
 
 
 def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
-    """Returns the inputs of the experiment at `path`, changed by texts NAME=VALUE. Raises
-    InputError."""
+    """Returns path of the model, parameter values and firmware values of an experiment. `path`: the
+    experiment file. Texts NAME=VALUE replace values of the file. Raises InputError."""
     own = _core.inputs(path, texts)
     parameters = {name: given["value"] for name, given in own["parameters"].items()}
     return ExperimentInputs(str(own["model"]), parameters, own["firmware"])

@@ -28,8 +28,8 @@ from forceaxis.words import plain
 # A crossing of the stability boundary with a larger change of its gain is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# A gain below this, relative to the typical gain of a loop, is too small for every useful law.
-# For smaller gains, rounding decides whether a loop with two integrators is stable.
+# Gains below this are too small for every useful law, relative to the loop's typical gain.
+# At smaller gains, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
 # A pole with a smaller magnitude is an integrator, apart from rounding errors.
 SLOWEST_POLE_RAD_PER_S = 1e-3
@@ -378,7 +378,7 @@ class Loop:
         negligible = NEGLIGIBLE_GAIN * self._typical_gain
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                # The phase of the loop changes at a pole, but no gain has a crossing there.
+                # At a pole, the phase of the loop gain changes, but no gain k has a crossing there.
                 continue
             G, slope, rounding = self._known(w)
             value = G.real

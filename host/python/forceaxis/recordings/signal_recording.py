@@ -49,7 +49,7 @@ UNITS = {
     "current": "A",
     "torque": "N m",
     "code": "count",  # DAC code of the firmware, -2048 to 2047
-    "enabled": "1",  # 1 while the drive is enabled, 0 while it is disabled
+    "enabled": "1",  # value 1 while the drive is enabled, 0 while it is disabled
     "voltage_command": "V",
     "speed_command": "m/s",
     "force_command": "N",
@@ -165,9 +165,9 @@ class SignalRecording:
 
     def held(self, name: str, at_s: Floats) -> Floats:
         """Returns the values of a signal at the true times `at_s` (n,) in s, as a converter holds
-        them: each is the value of the last sample at or before this time. A sample may be later
-        than the time by a rounding error, EVEN_SHARE of the period of the signal and of the
-        smallest step of `at_s`. Raises KeyError."""
+        them: each is the value of the last sample at or before this time. Because of rounding, a
+        sample may also be slightly later, by EVEN_SHARE of the period of the signal or of the
+        smallest step of `at_s`, whichever is smaller. Raises KeyError."""
         signal = self[name]
         late_s = 0.0
         if len(signal.time_s) > 1 and len(at_s) > 1:

@@ -37,7 +37,7 @@ class SourceColumn:
     # values of the column; NaN means that the column has no value there
     values: Floats = field(repr=False)
     lines: Sequence[int] = field(repr=False, default=())
-    # name of the column with the times of this column; None: the time column of the source
+    # name of the column that has the times of these values; None: that of the whole source
     time_column: str | None = None
 
     def place(self, sample: int) -> str:

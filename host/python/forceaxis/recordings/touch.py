@@ -17,7 +17,7 @@ LEAST_BEFORE = 8  # smallest number of samples that a recording needs before the
 # A force counts as contact if it is larger than each of three levels.
 # The three levels are multiples of the noise, the largest force, and the smallest step.
 NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
-# upper bound, relative to the largest force, of the level that the smallest step gives
+# largest value of the level from the smallest step, relative to the largest force
 COARSE_SHARE = 0.5
 # Two thresholds of the force define the sample at which the force begins to rise.
 # The first of these thresholds is a multiple of the noise of the force.

@@ -178,7 +178,7 @@ class Trial:
     taken: tuple[str, ...] = ()
 
     def changes(self, cell: Cell) -> bool:
-        """Returns True if the trial changes the run of a cell."""
+        """Returns True if the trial changes the simulated run of a table cell."""
         return all(getattr(cell, name) == value for name, value in self.of.items())
 
 

@@ -29,23 +29,24 @@ class TrialScores:
 
     @property
     def best(self) -> int:
-        """The highest score of the trial."""
+        """The highest number of table cells with equal verdicts at any point of the trial."""
         return max(max(row) for row in self.scores)
 
     @property
     def best_count(self) -> int:
-        """The number of points of the trial at which it has its highest score."""
+        """The number of points of the trial at which most table cells have equal verdicts."""
         return sum(row.count(self.best) for row in self.scores)
 
     @property
     def points(self) -> int:
-        """The number of points of the trial."""
+        """The number of combinations of parameter values that the trial simulates."""
         return sum(len(row) for row in self.scores)
 
 
 @dataclass(frozen=True)
 class TrialsResult:
-    """The scores of all trials, and the score of all chosen trials together."""
+    """The scores of all trials, and the score with all chosen trials together. A score is a number
+    of table cells with equal verdicts."""
 
     trials: list[TrialScores]
     together: int  # number of cells with equal verdicts when all chosen trials are applied together
