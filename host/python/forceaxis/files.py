@@ -30,7 +30,7 @@ from forceaxis.results import Json, JsonObject
 
 PACKAGE = str(Path(__file__).parent)
 # Exceptions that the content of a file can cause in a parser.
-# Other exceptions, such as TypeError, are errors of this package if its own code raises them.
+# An exception such as TypeError is an error of this package if its own code raises it.
 DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),

@@ -9,7 +9,7 @@ from pathlib import Path
 OptionValue = str | int | float | Path | None
 
 # Characters that would control a terminal on which a text is printed.
-# They are the control characters of ASCII and Latin-1, and some characters of Unicode.
+# The set contains the control characters of ASCII and Latin-1, and some characters of Unicode.
 # The characters of Unicode separate lines or paragraphs, or change the writing direction.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 

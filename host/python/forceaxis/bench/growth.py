@@ -43,7 +43,7 @@ TOOLS = ("forceaxis", "odeint")
 RUN_TICKS = 225  # number of ticks in each run of the sweep; the first contact is at tick 190
 # force loop of the chain: gain in DAC codes per ADC code, force set-point in N
 GAIN, SETPOINT_N = 4, 59
-# This gain and set-point keep the motion of the robot small. No limit of the motor is reached.
+# gain and set-point that keep the motion of the robot small, so that the motor reaches no limit
 RATTLE_GAIN, RATTLE_SETPOINT_N = 1, 0
 # First lines of the tables of the drive, and of the tables that follow them, in a model file.
 DRIVE_KEYS = ("[drive]", "[[adc]]\nchannel = 1")

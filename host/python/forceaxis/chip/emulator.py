@@ -105,7 +105,7 @@ class Emulator:
         for name in names:
             os.mkfifo(name)
         # With O_RDWR or O_NONBLOCK, os.open() does not wait until the other program opens the pipe.
-        # With these flags, no error occurs either if the other program closes the pipe.
+        # With O_RDWR or O_NONBLOCK, no error occurs if the other program closes the pipe.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)

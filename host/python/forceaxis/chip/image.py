@@ -179,7 +179,7 @@ class HexRecord(NamedTuple):
 
 DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
 # Types of the records in an Intel HEX file that state a start address.
-# These start addresses are ignored, because the vector table of the chip contains it too.
+# A start address in a record is ignored, because the vector table of the chip contains it too.
 START_RECORDS = (3, 5)
 
 

@@ -439,7 +439,7 @@ class JoiningServer:
         if changed_ns == self._read_ns:
             return
         # Two changes of the folder may have the same time of change.
-        # Therefore a folder that has just changed is read once more.
+        # A folder that has just changed is read again: it may have changed twice at this time.
         is_settled = time.time_ns() - changed_ns > SETTLED_NS
         self._read_ns = changed_ns if is_settled else 0
         for key, file in list(files_of(self._folder).items())[-RESULTS_MOST:]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 GOOD, BAD, ABORTED = "good", "bad", "aborted"
 BY_PROGRAM = "by_program"
 # Verdicts of an evaluation element that has found a value in the curve.
-# Only these verdicts depend on the bounds of the evaluation element.
+# Only the verdicts on a value depend on the bounds of an evaluation element.
 MEASURED = ("good", "below", "above")
 
 

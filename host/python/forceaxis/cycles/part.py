@@ -207,7 +207,7 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
     inside = slice(begin + 1, end + 1)
     converters = done.result.converters
     # The traced phase of a tick is the phase after this tick.
-    # Therefore the phase to which a sample belongs is the traced phase of the previous tick.
+    # The phase to which a sample belongs is therefore the traced phase of the previous tick.
     phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")

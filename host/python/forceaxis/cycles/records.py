@@ -37,7 +37,7 @@ from forceaxis.results import from_json, to_json
 
 PARTS, TABLE, PARQUET, LINES = "parts", "parts.csv", "parts.parquet", "parts.jsonl"
 NAME = re.compile(r"(\d+)_(\d+)\.json")
-# a column that only the table of `cycle rates` has, and its value for good parts
+# name of a column that only the table of `cycle rates` has, and its value for good parts
 GROUP, GOOD_PARTS = "group", "good parts"
 Key = tuple[int, int]
 

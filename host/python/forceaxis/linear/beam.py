@@ -199,12 +199,12 @@ class Beam:
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
         # Transfer functions of thesis section 2.4.4, corrected, with X = b l and 4 b^4 = p^2.
-        # In these transfer functions, p^2 = rho A s^2 / (E I).
+        # In the transfer functions of the beam, p^2 = rho A s^2 / (E I).
         # The denominator of both is D = 4 E I b^3 (sinh X cosh X + sin X cos X).
         # Response of the actuator: V_act / F_a = s (cosh^2 X + cos^2 X) / D.
         # Response of the tip: V_tip / F_a = 2 s cosh X cos X / D.
-        # Both transfer functions are even in p, so p may be chosen in the right half-plane.
-        # With this choice, |arg X| <= pi/4, and all terms multiplied by exp(-2X) are bounded.
+        # Both transfer functions of the beam are even in p. So p may be in the right half-plane.
+        # With p in the right half-plane, |arg X| <= pi/4, and exp(-2X) times each term is bounded.
         s = np.asarray(s, dtype=complex)
         stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)
         p = s * np.sqrt(self.mass_per_length_kg_per_m / stiffness)
@@ -351,10 +351,10 @@ class LumpedBeam:
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
         # The matrix also has a coordinate for the angle of the sliding mass.
-        # This coordinate is removed at the end, because the sliding mass cannot turn.
+        # The angle of the sliding mass is removed at the end, because this mass cannot turn.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
         # Stiffness matrix of a massless beam element.
-        # Its four coordinates are displacement, and angle times length, at both ends.
+        # The beam element has four coordinates: displacement, and angle times length, at both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
         for i, length in enumerate(self.lengths_m):
             scale = np.array([1, length, 1, length])

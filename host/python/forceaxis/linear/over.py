@@ -207,7 +207,7 @@ class Worst:
 
 
 # Function that analyses the force loops around some plants, with the given delays of the loop.
-# It returns {delay: analysis} for each plant, with at least the given delays.
+# The result is {delay: analysis of the loop} for each plant, with at least the given delays.
 Analyse = Callable[[Sequence[Member], Sequence[str]], list[dict[str, T]]]
 
 

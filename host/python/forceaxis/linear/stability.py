@@ -29,7 +29,7 @@ from forceaxis.words import plain
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
 # Gains below this are too small for every useful law, relative to the loop's typical gain.
-# At smaller gains, rounding decides whether a loop with two integrators is stable.
+# At very small gains, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
 # A pole with a smaller magnitude is an integrator, apart from rounding errors.
 SLOWEST_POLE_RAD_PER_S = 1e-3
@@ -134,7 +134,7 @@ class Loop:
     own_gain: float | None = None  # gain k of the loop's experiment
     working: Working = field(default_factory=lambda: Working({}))
     # Effects of a constant set-point on the states and on the feedback of a loop over a bus.
-    # This field is None if the set-point acts on the loop as the error does.
+    # The set-point effects are None if the set-point acts on the loop as the error does.
     entry: tuple[Matrix, Matrix] | None = None
 
     @cached_property

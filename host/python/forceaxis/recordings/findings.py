@@ -19,7 +19,7 @@ SATURATED_SAMPLES = 3
 # A signal that reaches its largest value with a step of this many quanta is cut off there.
 SATURATED_QUANTA = 3.0
 # Smallest length in samples of a constant interval that is reported as unusual.
-# The second value is its smallest ratio to the usual length of a constant interval.
+# CONSTANT_FACTOR: smallest ratio of this length to the usual length of constant intervals.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
 STATE_ENDINGS = (
     "_setpoint",

@@ -20,8 +20,8 @@ NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
 # largest value of the level from the smallest step, relative to the largest force
 COARSE_SHARE = 0.5
 # Two thresholds of the force define the sample at which the force begins to rise.
-# The first of these thresholds is a multiple of the noise of the force.
-# The second of these thresholds is a fraction of the largest force.
+# The first threshold for the rise of the force is a multiple of the noise of the force.
+# The second threshold for the rise of the force is a fraction of the largest force.
 # The rise begins after the last sample below the first, before the force exceeds the second.
 QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
 LOST_SHARE = 0.5  # A contact is lost when the force is below this fraction of the level of contact.

@@ -14,7 +14,7 @@ SI_UNITS = (
 NO_UNIT = ("", "-", "1", "none", "None", "raw", "LSB", "codes", "counts", "inc")
 IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 # Units that a column name may have at its end, after "_".
-# Other units of one letter are not accepted there, because the letter may belong to the name.
+# Other one-letter units are not accepted there, because the letter may belong to the name.
 ENDINGS = {
     **{unit: unit for unit in ("s", "ms", "us", "ns", "N", "kN", "mN", "mm", "um", "m", "mV")},
     **{unit: unit for unit in ("V", "A", "mA", "Nm", "Hz", "count")},
