@@ -354,8 +354,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         return done["wall_s"], done["cpu_s"]
 
     # {name of a sweep: (number of runs, function that does all runs of the sweep)}.
-    # The argument of the function that does the runs of a sweep is the number of threads.
-    # The function that does the runs returns elapsed time and CPU time of the sweep in s.
+    # The function for the runs of a sweep has the number of threads as its argument.
+    # The function for the runs of a sweep returns elapsed time and CPU time of the sweep in s.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }

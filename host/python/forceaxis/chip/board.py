@@ -60,7 +60,7 @@ if typing.TYPE_CHECKING:
 
     from forceaxis.toml import TomlValue
 
-    # Kind: type of a type expression of a field. Field: union of all values that a field may have.
+    # Kind: the declared type of a field. Field: union of all values that a field may have.
     Kind = type | types.GenericAlias | types.UnionType
     Field = str | int | range | list["Field"] | dict[str, "Field"] | DataclassInstance | Path | None
 

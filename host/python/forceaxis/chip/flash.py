@@ -132,7 +132,7 @@ def plan(
             f"expected this option, because {path} overwrites the flash memory of the stored "
             f"parameters, {span(parameters)}{hint}",
         )
-    # openocd reads the path of the image in the language Tcl, in which braces enclose it.
+    # openocd reads the path of the image as text in the language Tcl, between braces.
     # Between braces, Tcl gives a meaning only to braces, backslashes and control characters.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(

@@ -75,7 +75,7 @@ CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 SIMULATED = "the simulated axis"
 # largest number of parts that the server offers as results; older parts are not offered
 RESULTS_MOST = 200
-POLL_S = 0.5  # time in s between two checks of the folder of records for new records
+POLL_S = 0.5  # time in s after which the server looks for new records in the folder again
 # If the last change of the folder is older than this time in ns, the folder is not read again.
 SETTLED_NS = 1_000_000_000
 # Limits of the data that a client sends: bytes of a chunk, bytes of a message, waiting messages.

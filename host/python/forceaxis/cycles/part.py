@@ -144,7 +144,8 @@ def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = 
 
 
 def _traced(experiment: Path) -> str:
-    """Returns the text of an experiment file with a change: the objects TRACED are also traced."""
+    """Returns the text of an experiment file, extended so that the objects TRACED are also
+    traced."""
     import tomlkit
 
     table = toml.read(experiment)

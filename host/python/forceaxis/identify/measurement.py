@@ -25,7 +25,7 @@ FLAT_SPREAD = 0.1
 
 @dataclass(frozen=True)
 class Comparison:
-    """Test whether the response of a model agrees with a measured response."""
+    """Result of the test whether the response of a model agrees with a measured response."""
 
     points: int  # number of compared frequencies
     coherent: int  # number of points with a coherence above 0.9 (coherent points)
@@ -34,7 +34,7 @@ class Comparison:
     # chi-square statistic of the difference, with 2 degrees of freedom for each point
     statistic: float
     p_value: float  # probability that the chi-square of a correct model is at least as large
-    # True if the model agrees with the response, which means that `p_value` is at least 0.05
+    # True if `p_value` is at least 0.05: the model agrees with the measured response
     fits: bool
 
 

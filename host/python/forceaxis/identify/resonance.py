@@ -289,8 +289,8 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
 @dataclass(frozen=True)
 class ResonanceResult(Fit):
-    """A Fit of resonances to a measured response. It also has the zeros and poles in 1/s of the
-    product of all resonances, each as (real part, imaginary part)."""
+    """The result of a fit of resonances to a measured response. It also has the zeros and poles in
+    1/s of the product of all resonances, each as (real part, imaginary part)."""
 
     zeros: tuple[tuple[float, float], ...]
     poles: tuple[tuple[float, float], ...]

@@ -137,7 +137,7 @@ class _Response:
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
         # The search for the maximum gives only half of the digits of the frequency w.
-        # The zero of the slope of |H| gives all digits of w.
+        # The zero of the slope of |H| gives all digits of the frequency w of the maximum.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
@@ -304,7 +304,7 @@ def sample(plants: PlantSet) -> list[Member]:
 
 
 def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
-    """Returns the analysis function of a _Set that analyses each force loop separately."""
+    """Returns a function that analyses each force loop of a set of plants separately."""
     return lambda members, timings: [
         {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
         for member in members
@@ -400,9 +400,9 @@ def worst(
 
 
 def _fast(loops: PreciseLoops, by_loop: Analyse[Figures]) -> Analyse[Figures]:
-    """Returns the analysis function of a _Set that computes bandwidths and margins in C++. It
-    computes all delays of the loop together, because the plant takes most of the time. If C++
-    cannot decide whether a loop is stable, `by_loop` analyses this loop."""
+    """Returns a function that computes bandwidths and margins of the force loops of a set of plants
+    in C++. It computes all delays of the loop together, because the plant takes most of the time.
+    If C++ cannot decide whether a loop is stable, `by_loop` analyses this loop."""
 
     def analyse(members: Sequence[Member], timings: Sequence[str]) -> list[dict[str, Figures]]:
         found: list[dict[str, Figures]] = []

@@ -51,8 +51,8 @@ def stiff_arm(above: float) -> str:
 
 
 def labels() -> str:
-    """Returns a text with the labels of the modes of base, workpiece and arm, with the motor and in
-    contact."""
+    """Returns a text that names the modes of base, workpiece and arm, with the motor and in
+    contact, as colocated or noncolocated."""
     names = {"base": "fig4_17", "workpiece": "fig4_19", "arm": "fig4_15"}
     return ", ".join(f"{name} {label(model, 2)}" for name, model in names.items())
 

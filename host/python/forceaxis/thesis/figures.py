@@ -103,7 +103,7 @@ def beam_curves() -> list[curves.Curve]:
     distributed-parameter beam, at its actuator and at its tip."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    # The exact beam has no damping. For the plot, its poles and zeros get the damping ratio 0.001.
+    # The poles and zeros of the undamped beam get the damping ratio 0.001 in the plot.
     roots = roots - 1e-3 * np.abs(roots)
     frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800

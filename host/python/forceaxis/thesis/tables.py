@@ -29,7 +29,8 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # simulated run: (experiment file, overrides)
+# a simulated run, as (path of the experiment file, overrides of the run)
+Job = tuple[str, list[str]]
 # point of the search grid of the fit: one index for the value of each constant
 Point = tuple[int, ...]
 
