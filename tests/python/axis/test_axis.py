@@ -138,7 +138,7 @@ def test_what_the_axis_refuses_is_status_1():
     [
         ([], "expected the address of one axis, as --on ADDRESS or in FORCEAXIS_AXIS, such as"),
         (["--on", "lcm:1", "--on", "can0"], "expected the address of one axis, as --on ADDRESS"),
-        (["--on", "lcm"], "--on: lcm: expected the number of an axis, such as lcm:2"),
+        (["--on", "lcm"], "--on: lcm: expected an address with the number of an axis, such"),
         (["--on", "lcm:1", "--set", "a=1"], "--set: expected a simulated axis together with"),
         (["--on", "nocan7"], "--on: nocan7: expected a CAN interface that is up"),
         (["--on", "can0:126"], "--on: can0:126: expected two different node ids"),

@@ -104,5 +104,5 @@ def test_a_program_needs_a_number(tmp_path):
     text = (PRESS_FIT.parents[1] / "cycles/press_fit.toml").read_text()
     file = tmp_path / "cycle.toml"
     file.write_text(text.replace("number = 1\n", ""))
-    with pytest.raises(InputError, match="number: expected a number from 1 on"):
+    with pytest.raises(InputError, match="number: expected the number of the program"):
         live.live_program(PRESS_FIT, program=file)

@@ -246,7 +246,7 @@ def test_another_axis_with_the_same_numbers_is_refused_and_keeps_its_results(
             if name == "one":
                 assert len(list(collector.collect())) == 1
                 continue
-            with pytest.raises(InputError, match="is another part in this folder"):
+            with pytest.raises(InputError, match="has a different part with the number"):
                 list(collector.collect())
             assert waiting(axis) == 1
 

@@ -152,7 +152,7 @@ def test_parts_that_are_refused_anyway_count():
         (598, 0.01, [element(n) for n in "abc"], ["parts", "at least 599 good parts for 6 bounds"]),
         (1000, 0.0, [element("top")], ["propose", "a share from"]),
         (1000, 0.6, [element("top")], ["propose", "a share from"]),
-        (1000, 0.01, [element("w", "window")], ["`least` or `most`", "kind than `window`"]),
+        (1000, 0.01, [element("w", "window")], ["`least` or `most`", "is not a `window`"]),
     ],
 )
 def test_what_cannot_be_proposed_is_refused(count, rate, elements, words):

@@ -144,7 +144,7 @@ def test_kinds_may_have_different_parameters(tmp_path):
         ({"parts": 0}, "parts: expected 1 to"),
         ({"bad_parts": -1}, "bad_parts: expected 1 to"),
         ({"seed": -1}, "seed: expected"),
-        ({"bad": [BAD, BAD]}, "each kind once in all files of bad parts"),
+        ({"bad": [BAD, BAD]}, "a different name for each kind of bad part"),
         ({"experiment": PRESS_FIT.with_name("contact.toml")}, "cycle: expected an experiment"),
         ({"good": Path("no/such.toml")}, "no/such.toml"),
         ({"program": Path("no/such.toml")}, "no/such.toml"),

@@ -77,9 +77,7 @@ def test_another_part_with_the_same_number_is_refused_and_changes_nothing(tmp_pa
     with RecordFolder(tmp_path) as folder:
         folder.add(part(1))
         before = (tmp_path / "parts/00001_0000000001.json").read_text()
-        with pytest.raises(
-            InputError, match=r"part 1 of power-up 1 is another part in this folder"
-        ):
+        with pytest.raises(InputError, match=r"a different part with the number 1 of power-up 1"):
             folder.add(part(1, **change))
     assert (tmp_path / "parts/00001_0000000001.json").read_text() == before
 

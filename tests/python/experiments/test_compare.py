@@ -342,7 +342,7 @@ def test_a_force_that_does_not_settle_has_no_settling_time():
 
 
 REFUSED = {
-    "no contact": (np.zeros(400), {}, r"expected a contact force that rises, positive in"),
+    "no contact": (np.zeros(400), {}, r"expected a force that is positive in compression"),
     "the other sign": (np.where(np.arange(400) < 200, 0, -30.0), {}, r"import the force with the"),
     "no beginning": (np.where(np.arange(400) < 7, 0, 30.0), {}, r"at least 8 samples before the"),
     "no such gap": (None, {"gap": "k_w"}, r"gap: expected a length among the parameters"),

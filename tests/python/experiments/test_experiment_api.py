@@ -93,7 +93,10 @@ def test_from_memory_is_the_same_run(contact, monkeypatch):
             {"title": "t"},
             r"\(in memory\): duration_s: expected a finite number > 0 in s .*, got nothing; add",
         ),
-        ({"title": {1, 2}}, r"\(in memory\): expected tables, texts and numbers, got \{1, 2\}"),
+        (
+            {"title": {1, 2}},
+            r"\(in memory\): expected only tables, texts and numbers in the .*, got \{1, 2\}",
+        ),
         ({"titel": "t", "modle": "m"}, "did you mean model, title\\?"),
     ],
 )

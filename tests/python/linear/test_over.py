@@ -356,8 +356,8 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["loop", "limit", "move"], "a mode that controls force, got the mode profile_position"),
-        (["loop", "limit", "position_step"], "a mode that controls force, got the mode position"),
+        (["loop", "limit", "move"], "controls the force, got the mode profile_position"),
+        (["loop", "limit", "position_step"], "controls the force, got the mode position"),
         (["loop", "limit", "tables"], "lists the tables"),
         (
             ["loop", "limit", "contact", "--law", "bank"],

@@ -127,7 +127,7 @@ def csv(force):
 
 WRONG = {
     "no such column": ("t_s,force\n" + "0,1\n" * 20, "F_N"),
-    "no contact": (csv([0.0] * 50), "expected a contact force that rises"),
+    "no contact": (csv([0.0] * 50), "expected a force that is positive in"),
     "a gap": (csv([0.0] * 60 + [50.0] * 40).replace("0.09", "1.09"), "equally spaced"),
     "no number": (csv([0.0] * 60 + ["x"] * 4), "line 62, F_N: expected a number"),
 }

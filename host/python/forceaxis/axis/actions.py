@@ -427,7 +427,7 @@ def _distance(axis: Drive, distance: float | str) -> float:
     0."""
     value = quantity.number(axis, "target_position", str(distance))
     if not value > 0:
-        raise InputError(f'retract: expected a distance above 0 as "5 mm", got {distance}')
+        raise InputError(f'retract: expected a distance above 0, such as "5 mm", got {distance}')
     return value
 
 

@@ -139,7 +139,9 @@ class LcmAddress:
         from forceaxis.axis.gateway import GatewayLink
 
         if self.number is None:
-            raise InputError(f"{self}: expected the number of an axis, such as {self.example}")
+            raise InputError(
+                f"{self}: expected an address with the number of an axis, such as {self.example}"
+            )
         return GatewayLink(self.number, self.url, **_within(timeout_s))
 
 

@@ -128,8 +128,8 @@ class CanLink(RecorderLink):
     ) -> None:
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
             raise InputError(
-                f"node {node}, own node {own_node}: expected two different node ids from 1 to 127, "
-                f"as in {interface}:{node}@125"
+                f"node {node} of the axis, node {own_node} of this program: expected two "
+                f"different node ids from 1 to 127, as in {interface}:{node}@125"
             )
         self.where = f"node {node} on {interface}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s

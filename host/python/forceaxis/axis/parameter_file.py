@@ -367,7 +367,8 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
     if key in IDENTITY:
         raise InputError(
             f"{key}: expected a file without node id and bit rate, because each axis has its own "
-            "values of these two objects; remove this line and use `write_objects`"
+            "values of these two objects; remove this line and write these two objects with "
+            "`write_objects`"
         )
     if key in objects.BY_NAME:
         raise InputError(
@@ -388,8 +389,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
         return
     if not isinstance(described, dict):
         raise InputError(
-            f"{known.name}: expected the type of this object as a table in [objects], got another "
-            "value"
+            f"{known.name}: expected a table in [objects] that describes this object, such as its "
+            "type and unit, got another value"
         )
     ours = to_json(signature(known))
     least = _described_bound(known, described, "min", known.min)
@@ -400,8 +401,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
         file_states = ", ".join(f"{k} {described.get(k)}" for k in differing)
         own_table = ", ".join(f"{k} {ours.get(k)}" for k in differing)
         raise InputError(
-            f"{known.name}: expected {own_table} in [objects], as in this version of forceaxis, "
-            f"got {file_states}"
+            f"{known.name}: expected the description {own_table} of this object in [objects], as "
+            f"in this version of forceaxis, got {file_states}"
         )
 
 

@@ -110,8 +110,8 @@ def update(
         if record.table != table and not new_table:
             raise InputError(
                 f"{where}: expected a firmware image with the object table of the axis, "
-                f"{table:08x}, got an image with the table {record.table:08x}; read what changes, "
-                "then use `new_table`"
+                f"{table:08x}, got an image with the object table {record.table:08x}; read which "
+                "objects change, then use `new_table`"
             )
         axis.acquire()
         _write(axis, record.download(table if new_table else record.table))
@@ -130,8 +130,8 @@ def _expect_updatable(axis: Axis) -> ProgramObjects:
         )
     if now.command_source not in (COMMAND_SOURCES[0], COMMAND_SOURCES[axis.link.source]):
         raise InputError(
-            f"{where}: expected an axis without another owner, got an axis that the bus "
-            f"{now.command_source} owns; end the client on that bus first"
+            f"{where}: expected an axis that no other client controls, got an axis that a client "
+            f"on the bus {now.command_source} controls; end that client first"
         )
     try:
         found = axis.record(ProgramObjects)

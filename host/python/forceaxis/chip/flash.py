@@ -104,8 +104,8 @@ def plan(
     for s in image.segments:
         if s.address not in flash or s.end > flash.stop:
             raise InputError(
-                f"{path}: expected only addresses of the flash memory, {span(flash)}, got bytes "
-                f"for {span(range(s.address, s.end))}"
+                f"{path}: expected only addresses of the flash memory, {span(flash)}, got "
+                f"bytes for {span(range(s.address, s.end))}"
             )
     stack, reset = image.word(flash.start), image.word(flash.start + 4)
     if stack is None or reset is None:
@@ -136,8 +136,8 @@ def plan(
     # Between braces, Tcl gives a meaning only to braces, backslashes and control characters.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError(
-            "expected a file name without the characters { } \\ and without control characters, "
-            "which openocd does not accept; rename the file"
+            "expected a file name without { } \\ and without control characters, because openocd "
+            "does not accept these characters; rename the file"
         )
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
         raise ParameterError(
@@ -162,9 +162,9 @@ def expect_trailer(image: images.Image, board: boards.Board) -> None:
     at = slots.addresses[0] + slots.bytes - update_file.TRAILER.size
     if image.word(at) != update_file.TRAILER_MAGIC:
         raise InputError(
-            f"{image.path}: expected a file with the loader, the firmware image and the trailer "
-            f"of the image at the address {at:#010x}, got a file without this trailer; use the "
-            f"file {board.image}.hex that tools/image has built"
+            f"{image.path}: expected a file that has the trailer of the image at the address "
+            f"{at:#010x}, got a file without this trailer; use the file {board.image}.hex that "
+            "tools/image has built, which contains loader, image and trailer"
         )
 
 

@@ -307,7 +307,7 @@ class Subject(click.ParamType[str | Path]):
             kind = "MODEL" if paths.MODELS in self.folders else "EXPERIMENT"
             places = " or ".join(paths.display(f) for f in self.folders)
             raise InputError(
-                f"{kind}: {text}: expected a path ending in .toml or a name of {places}"
+                f"{kind}: {text}: expected a path ending in .toml or a name of a file in {places}"
                 f"{suggestion(text, known)}"
             )
         if not is_stem and path.suffix == ".toml" and not path.exists():
@@ -316,8 +316,8 @@ class Subject(click.ParamType[str | Path]):
                 raise InputError(f"{text}: file: expected a readable file, got none{meant}")
             if not path.is_absolute() and (paths.ROOT / path).is_file():
                 raise InputError(
-                    f"{text}: file: expected a readable file, got none; {path.stem} alone is the "
-                    "file that comes with forceaxis"
+                    f"{text}: file: expected a readable file, got none; for the file that comes "
+                    f"with forceaxis, give the name {path.stem} alone"
                 )
         if not self.as_path:
             return value

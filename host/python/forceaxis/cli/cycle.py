@@ -215,7 +215,7 @@ def rates(
 
     if (propose is None) != (write is None):
         raise InputError(
-            "--propose: expected both --propose RATE and -o FILE, or none of them; "
+            "--propose: expected both --propose RATE and -o FILE, or neither of these options; "
             "add the missing option"
         )
     request = computing.RatesRequest(

@@ -267,8 +267,8 @@ def watch(
 
     if (master_every is None) != (master_serial is None):
         raise InputError(
-            "--master-every: expected both --master-every HOURS and --master-serial TEXT, or none "
-            "of them; add the missing option"
+            "--master-every: expected both --master-every HOURS and --master-serial TEXT, or "
+            "neither of these options; add the missing option"
         )
     wanted = cycles.live_program(experiment, (), program)
     due = None if calibration_due is None else calibration_due.date()
@@ -346,7 +346,8 @@ def teach(
 
     if connection.addresses and parts is None:
         raise InputError(
-            "--on: expected --parts N together with the address of an axis; add --parts N"
+            "--on: expected the option --parts N together with --on; add --parts N, the number of "
+            "parts"
         )
     connection = connection if parts is None else connection.one()
     wanted = cycles.live_program(experiment, (), program)

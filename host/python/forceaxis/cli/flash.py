@@ -145,7 +145,7 @@ def flash_(
         if not chosen.addresses:
             raise InputError(
                 f"{file}: expected --on ADDRESS, such as {examples(UPDATED.kinds)}, because an "
-                "update is written over a bus; a debug probe writes the .hex file"
+                "update file is written over a bus; to write with a debug probe, give the .hex file"
             )
         update_fleet(records, chosen.addresses, new_table, as_json)
         return
@@ -185,7 +185,7 @@ def expect_only_bus_options(
     if address is not None or erase_parameters or serial:
         raise InputError(
             "--address, --erase-parameters, --serial: expected none of these options for an "
-            "update over a bus, because only a debug probe uses them"
+            "update over a bus, because only a debug probe uses these options; remove them"
         )
 
 

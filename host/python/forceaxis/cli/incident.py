@@ -119,8 +119,8 @@ def _read(
     if file:
         if clear or wait_s or connection.addresses:
             raise InputError(
-                "--file: expected an incident file alone, because --on, --wait and --clear belong "
-                "to a live axis; remove these options or --file"
+                "--file: expected --file without --on, --wait and --clear, because those options "
+                "are for a live axis; remove them, or remove --file"
             )
         return incidents.load(file)
     with connected(connection) as axis:

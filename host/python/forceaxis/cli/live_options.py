@@ -201,7 +201,8 @@ class AxisConnection:
             )
         if isinstance(found.address, LcmAddress) and found.address.number is None:
             raise InputError(
-                f"{found.source}: {found.address}: expected the number of an axis, such as lcm:2"
+                f"{found.source}: {found.address}: expected an address with the number of an "
+                "axis, such as lcm:2"
             )
         return found
 

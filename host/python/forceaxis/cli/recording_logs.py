@@ -48,8 +48,8 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
     summary = log_tables.export(log_path, out, kinds)
     if not summary.tables:
         raise InputError(
-            f"{paths.display(log_path)}: expected a log with messages of forceaxis, got none; "
-            "choose another file"
+            f"{paths.display(log_path)}: expected a log with messages of forceaxis, got a log "
+            "without such messages; choose another file"
         )
     print_result(summary, as_json, lambda: export_text(summary), out)
     report_damage(summary.damage)

@@ -86,8 +86,8 @@ def live_program(
     compiled = read_program(experiment, given)
     if compiled.number == 0:
         raise InputError(
-            f"{compiled.file}: number: expected a number from 1 on, by which an axis selects the "
-            "program; add the number"
+            f"{compiled.file}: number: expected the number of the program, at least 1, because an "
+            "axis selects a program by its number; add this key"
         )
     return LiveProgram(experiment, given, compiled)
 

@@ -193,8 +193,8 @@ def check(program: Program, parts: int, rate: float) -> None:
     sides = sides_of(program)
     if not sides:
         raise InputError(
-            f"{program.file}: element: expected an evaluation element of another kind than "
-            "`window` with a bound `least` or `most`, got none; add such a bound with any value"
+            f"{program.file}: element: expected at least one evaluation element that is not a "
+            "`window` and has a bound `least` or `most`, got none; add such a bound with any value"
         )
     needed = parts_needed(rate, len(sides))
     if parts < needed:

@@ -273,8 +273,8 @@ def bad_kinds(files: Sequence[Parts]) -> list[Kind]:
         for kind in parts.kinds:
             if kind.name in [known.name for known in kinds]:
                 raise InputError(
-                    f"{parts.file}: kind.name: expected each kind once in all files of bad parts, "
-                    f"got {kind.name} twice; rename one of the two"
+                    f"{parts.file}: kind.name: expected a different name for each kind of bad "
+                    f"part in all files, got {kind.name} twice; rename one of the two kinds"
                 )
             kinds.append(kind)
     return kinds

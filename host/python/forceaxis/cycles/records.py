@@ -149,9 +149,9 @@ class RecordFolder:
         if record.key in self:
             if not self.record(record.key).is_same_part(record):
                 raise InputError(
-                    f"{paths.display(self.folder)}: expected a folder with the records of one "
-                    f"axis, but part {record.number} of power-up {record.power_up} is another "
-                    "part in this folder; give another folder"
+                    f"{paths.display(self.folder)}: expected a folder with the records of this "
+                    f"axis alone, but it has a different part with the number {record.number} of "
+                    f"power-up {record.power_up}; give another folder"
                 )
             return False
         name = file_name(record.key)

@@ -43,8 +43,9 @@ def teach(
     if not records:
         raise InputError(
             f"{parts.source}: expected parts that were pressed with the program "
-            f"{wanted.program.file} (CRC {wanted.program.crc:08X}), got {len(parts.records)} parts "
-            "of other programs; name the program of the parts in `program`"
+            f"{wanted.program.file} (CRC {wanted.program.crc:08X}), got {len(parts.records)} "
+            "parts that were pressed with other programs; name the program of these parts in "
+            "`program`"
         )
     target = propose.Target(file, wanted.experiment, wanted.overrides)
     outcomes = [outcome_of(record) for record in records]

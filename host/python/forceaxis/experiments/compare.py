@@ -206,7 +206,8 @@ def _runs(measured: _Measured) -> list[_Run]:
     if not runs:
         raise InputError(
             f"{paths.display(request.experiment)}: expected a simulated run with a contact, as in "
-            "the recording, got runs without contact; correct the gap of the model or the set-point"
+            "the recording, got simulated runs without contact; correct the gap between axis and "
+            "workpiece in the model, or the set-point"
         )
     if without:
         measured.notes.append(f"{without} of {request.samples} runs make no contact")

@@ -315,7 +315,9 @@ def _toml_of(tables: TomlTables) -> str:
     try:
         return str(toml.write_text(tables))
     except (AttributeError, TypeError) as error:
-        raise InputError(f"{IN_MEMORY}: expected tables, texts and numbers, {error}") from None
+        raise InputError(
+            f"{IN_MEMORY}: expected only tables, texts and numbers in the experiment, {error}"
+        ) from None
 
 
 def _text_of(name: str, value: Value) -> str:

@@ -156,8 +156,8 @@ class Predictor:
             raise InputError(
                 f"{self._where}: expected a model whose drive follows the recorded "
                 f"{self.input.partition('_')[0]} command {self.input}, got "
-                f"{drive.type if drive else 'no drive'}; change the drive, or use "
-                "`input` law"
+                f"{drive.type if drive else 'no drive'}; change the drive of the model, or use "
+                "`input` law, which simulates the force law"
             )
 
     @property
@@ -187,8 +187,9 @@ class Predictor:
                 self.notes.append(f"{signal.name} is not compared: the model has no such signal")
         if not any(model.name == "force" for model in found):
             raise InputError(
-                f"{self.recording.source.file}: expected a recording with the signal force and a "
-                "model that measures it, got " + ", ".join(self.recording.names)
+                f"{self.recording.source.file}: expected the signal force in the recording, and a "
+                "model with a force sensor, got the recorded signals "
+                + ", ".join(self.recording.names)
             )
         return tuple(found)
 
@@ -256,7 +257,9 @@ class Predictor:
         try:
             codes, signals = plant.follow(commands, is_volts, names, self._enabled(len(commands)))
         except ValueError as error:
-            raise InputError(f"{self._where}: expected signals of the model, {error}") from None
+            raise InputError(
+                f"{self._where}: expected signals that the model can simulate, got: {error}"
+            ) from None
         columns = dict(zip(("encoder", "adc0", "adc1"), codes.T, strict=True))
         return columns | dict(zip(names, signals.T, strict=True))
 
@@ -316,7 +319,8 @@ class Predictor:
         if len(turns) > SETPOINTS_MAX:
             raise InputError(
                 f"{self.recording.source.file}: expected at most {SETPOINTS_MAX} changes of "
-                f"force_setpoint, got {len(turns)}; give them in the experiment and use `input` law"
+                f"force_setpoint, got {len(turns)}; write these set-points in the experiment, and "
+                "use `input` law"
             )
         duration_s = float(toml.read(self.request.experiment)["duration_s"])
         lines = [self.request.experiment.read_text(encoding="utf-8")]
@@ -362,7 +366,8 @@ class Predictor:
             raise InputError(
                 f"{self.recording.source.file}: expected a recorded {self.input} that moves the "
                 "model towards the workpiece at the first contact, but the recorded values move "
-                "it away; import the signal with the opposite sign, or give another `input`"
+                "the model away from it; import the signal with the opposite sign, or give "
+                "another `input`"
             )
         for _ in range(2):
             found = self.touch_s(self.run({**member, self.gap: gap}, 0), level)

@@ -105,8 +105,8 @@ class CheckedExperiment:
 
         if not self.checks:
             raise InputError(
-                f"{self.file}: expect: expected a table [expect] with at least one value; "
-                "the option update of a test fills the table"
+                f"{self.file}: expect: expected a table [expect] with at least one value; to fill "
+                "this table, run the test with `update`"
             )
         lines = [str(check) for check in self.checks if not check.passed]
         if lines:

@@ -121,8 +121,9 @@ class Journal(Generic[T]):
             if lines[0][name] != identity[name]:
                 what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
                 raise InputError(
-                    f"{path}: {name}: expected the {what} of the runs in this folder, "
-                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
+                    f"{path}: {name}: expected the same {what} as for the runs in this folder "
+                    f"(hash {lines[0][name][:12]}), got a different hash, {identity[name][:12]}; "
+                    "give another folder"
                 )
         file.truncate(len(whole))
         for line in lines[1:]:

@@ -142,8 +142,8 @@ def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
         raise InputError(inputs.not_evaluable)
     if planned.search and inputs.criterion is None:
         raise InputError(
-            f"{experiment}: verdict: expected a table [verdict], because `bisect` searches for a "
-            "change of the verdict; add the table"
+            f"{experiment}: verdict: expected a table [verdict], because `bisect` searches for "
+            "the parameter value at which the verdict changes; add this table"
         )
     return inputs
 

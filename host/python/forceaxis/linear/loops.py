@@ -368,13 +368,13 @@ def _samples(
     if spec.law == "derivative":
         raise _core.InputError(
             f"{path}: adc.sample_rate: expected an ADC that samples at each tick, because the law "
-            f"`derivative` needs it, got {sampling.label()}; choose the law `pd`"
+            f"`derivative` needs a sample at each tick, got {sampling.label()}; choose the law `pd`"
         )
     every = Fraction(1 / TICK_S).limit_denominator() / Fraction(sampling.rate_hz)
     if math.lcm(every.numerator, cycle_ticks) > PERIOD_TICKS_MAX:
         raise _core.InputError(
-            f"{path}: adc.sample_rate: expected a sampling rate whose pattern of samples repeats "
-            f"after whole bus cycles and at most {PERIOD_TICKS_MAX} ticks of 1/1500 s, got "
+            f"{path}: adc.sample_rate: expected a sampling rate at which samples and bus cycles "
+            f"repeat together within {PERIOD_TICKS_MAX} ticks of 1/1500 s, got "
             f"{sampling.rate_hz:g} Hz; give the nearest such rate, and check the result with "
             "`run_experiment` at the rate of the sensor"
         )
@@ -535,9 +535,9 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
     if law == "pd":
         if direct[0, 0]:
             raise _core.InputError(
-                f"{where}: output: expected a signal without a step at a step of the command, "
-                "because the law `pd` uses the derivative of this signal; choose another timing "
-                "or output"
+                f"{where}: output: expected a signal that does not jump when the drive command "
+                "jumps, because the law `pd` uses the derivative of this signal; choose another "
+                "timing or output"
             )
         rate, rate_direct = f @ A, f @ B
     return _Plant(A, B, f, rate, x, v, direct, rate_direct, system.states)

@@ -98,8 +98,8 @@ class PeriodicLoop(Loop):
         """Raises InputError, because a loop with several codes in a period has no single loop
         gain."""
         raise _core.InputError(
-            f"{self.model}: adc.sample_rate: expected a loop that outputs one DAC code in each "
-            f"period of its samples, got {self.whole.B.shape[1]} codes; for such a loop only the "
+            f"{self.model}: adc.sample_rate: expected a loop with one DAC code in each sampling "
+            f"period of the ADC, got {self.whole.B.shape[1]} DAC codes, with which only the "
             "critical gain can be computed; remove the keys sample_rate and sample_phase for this "
             "computation"
         )

@@ -264,7 +264,7 @@ class PlantFacts:
         if self.reading and self.reading.sampling:
             raise _core.InputError(
                 f"{self.path}: adc.sample_rate: expected an ADC that samples at each tick and "
-                f"without latency, because {purpose} needs it, got "
+                f"without latency for {purpose}, got "
                 f"{self.reading.sampling.label()}; remove sample_rate, sample_phase, latency and "
                 "converter_filter for this computation, and check its result with "
                 "`run_experiment` of the complete model"
@@ -277,8 +277,8 @@ class PlantFacts:
         self.expect_fresh_reading(purpose)
         if not self.bus.is_immediate:
             raise _core.InputError(
-                f"{self.path}: drive.cycle_ticks: expected a bus cycle of 1 tick without delays, "
-                f"because {purpose} needs it, got {self.bus.label()}; remove the keys of the bus "
+                f"{self.path}: drive.cycle_ticks: expected a bus cycle of 1 tick without delays "
+                f"for {purpose}, got {self.bus.label()}; remove the keys of the bus "
                 "for this computation, and check its result with `critical_gain` and "
                 "`run_experiment` of the complete model"
             )

@@ -130,8 +130,8 @@ def _law(path: Path, firmware: Firmware) -> str:
         return "p"
     name = dict(MODES_OF_OPERATION.values)[drive] if drive else NATIVE_MODES[native]
     raise _core.InputError(
-        f"{path}: firmware: expected an experiment with a mode that controls force, got the mode "
-        f"{name}; give another experiment, or the model of this experiment alone"
+        f"{path}: firmware: expected an experiment whose mode of operation controls the force, "
+        f"got the mode {name}; give another experiment, or give only the model of this experiment"
     )
 
 

@@ -178,7 +178,8 @@ def _unit_of(
         unit_kind = f"a unit of {one.name}, such as {wanted}" if wanted else "an SI unit"
         raise InputError(
             f"{where}: expected {unit_kind}, got {given!r}; write another unit in "
-            f"`maps` {one.name}={one.column}:UNIT, also as the size of a count, such as 0.5um"
+            f"`maps` {one.name}={one.column}:UNIT. For counts, UNIT is the size of one count, "
+            "such as 0.5um"
         )
     if column.unit not in (None, "count") and one.unit is not None:
         size = factor_of(column.unit or "", found[0])

@@ -69,9 +69,9 @@ def level_of(force: Floats, where: str) -> ForceLevel:
     first = _first_above(force - zero, level)
     if first is None:
         raise InputError(
-            f"{where}: expected a contact force that rises, positive in compression, but the "
-            f"force exceeds its value without contact, {zero:.4g} N, by at most {largest:.4g} N; "
-            "import the force with the opposite sign, or record a contact"
+            f"{where}: expected a force that is positive in compression and rises at a contact, "
+            f"but the recorded force exceeds its value without contact, {zero:.4g} N, by at most "
+            f"{largest:.4g} N; import the force with the opposite sign, or record a contact"
         )
     before = force[: max(0, first - 2)]
     if len(before) < LEAST_BEFORE:
