@@ -30,8 +30,9 @@ def short(value: float | None) -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table of `forceaxis loop advise`. `head`: the heading, of one or two text
-    lines. `note`: a text that explains the column, or "" if the heading is enough."""
+    """A column of the table that `forceaxis loop advise` prints. `head`: the heading of the column,
+    in one or two text lines. `note`: a text that explains the column, or "" if the heading is
+    enough."""
 
     head: str
     note: str = ""
@@ -133,8 +134,8 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """Return the columns of the table of `forceaxis loop advise` that have values in this result.
-    The key of a column is the index of its text in the list that _cells() returns."""
+    """Return the columns with values of the table that `forceaxis loop advise` prints, as {index:
+    column}. The index is the place of the column in each list that _cells() returns."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),
@@ -190,8 +191,8 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
 
 
 def _notes(result: Advice, shown: list[Column]) -> list[str]:
-    """Return the notes below the table of `forceaxis loop advise`, such as the meaning of its
-    columns."""
+    """Return the notes that `forceaxis loop advise` prints below its table, such as the meaning of
+    each column."""
     notes = ["; ".join(column.note for column in shown if column.note)]
     if any(row.known_to is not None for row in (result.present, *result.rows)):
         notes.append(

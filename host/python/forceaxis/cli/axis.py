@@ -84,8 +84,8 @@ def shown(value: float | str) -> str:
 
 
 def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
-    """Yield one text line for each object in `values` ({name: value}), with the value and its unit.
-    A force is shown in N and in counts."""
+    """Yield one text line for each object in `values` ({object name: value}), with the value and
+    its unit. A force is shown in N and in force counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -101,8 +101,8 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for a text of
-    another form."""
+    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for a text that
+    does not have this form."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -111,8 +111,8 @@ def assignments(words: Sequence[str]) -> dict[str, str]:
 
 
 def in_mm(axis: Axis, position: int) -> str:
-    """Return a position in encoder counts as the text " (12.3 mm)". Return "" if the number of
-    encoder counts per metre is unknown."""
+    """Convert a position from encoder counts to mm, and return it as text, such as " (12.3 mm)".
+    Return "" if the number of encoder counts per metre is unknown."""
     from forceaxis.axis import quantity
 
     scale = quantity.per_metre(axis, objects.BY_NAME["position"])
@@ -169,8 +169,8 @@ def list_axes(connection: AxisConnection, as_json: bool) -> None:
 
 
 def scanned(connection: AxisConnection) -> list[ScannedAxis]:
-    """Return the axes found on the bus of a connection. Raises InputError if --on selects several
-    buses, or one axis instead of a bus."""
+    """Search the bus that --on selects, and return the axes on this bus. Raises InputError if --on
+    selects several buses, or one axis instead of a bus."""
     from forceaxis.axis import scan
 
     found = connection.chosen(is_bus=True)
@@ -184,8 +184,8 @@ def scanned(connection: AxisConnection) -> list[ScannedAxis]:
 
 
 def with_address(bus: Address, row: ScannedAxis) -> ScannedAxis:
-    """Return `row`, the description of one axis on the bus `bus`. Each command in the note of the
-    result contains the address of the axis."""
+    """Return `row`, the table row of one axis that was found on the bus `bus`. If the row has a
+    note with commands, the address of the axis is added to these commands."""
     if row.note is None or row.id is None or isinstance(bus, SimAddress):
         return row
     on = AxisConnection((dataclasses.replace(bus, number=row.id),)).options()
@@ -193,8 +193,8 @@ def with_address(bus: Address, row: ScannedAxis) -> ScannedAxis:
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
-    """Yield the text lines of the table of axes. A note about an axis follows the row of the axis,
-    in text lines of at most 76 characters."""
+    """Yield the text lines of the table that `forceaxis axis list` prints, with one row for each
+    axis. A note about an axis follows its row, in text lines of at most 76 characters."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
         # A firmware version may be followed by the object table and the commit.
@@ -385,7 +385,9 @@ def enable(
         print_state(axis, "after", as_json, seconds=passed)
 
 
-force_max = click.option("--force-max", metavar="FORCE", help='Force bound: "120 N", or counts.')
+force_max = click.option(
+    "--force-max", metavar="FORCE", help='Force above which the axis stops: "120 N", or counts.'
+)
 
 
 approach_speed = click.option(
@@ -403,9 +405,17 @@ approach_speed = click.option(
 )
 @click.argument("position")
 @click.option(
-    "--speed", metavar="SPEED", help='"5 mm/s", or counts/s. Default: trajectory_velocity.'
+    "--speed",
+    metavar="SPEED",
+    help='Speed of the move: "5 mm/s", or encoder counts/s. Default: trajectory_velocity.',
 )
-@click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="In s.")
+@click.option(
+    "--timeout",
+    type=Positive(0.1, 3600),
+    default=60.0,
+    show_default=True,
+    help="Longest duration of the move, s.",
+)
 @force_max
 @live_in_mm
 @as_json
@@ -459,8 +469,8 @@ def move(
 @click.option(
     "--retract",
     metavar="DISTANCE",
-    help='Move back by this distance after pressing, "5 mm" or counts, at most at --speed. '
-    "Default: the axis is disabled in contact.",
+    help='Move back by this distance after pressing, "5 mm" or encoder counts, not faster than '
+    "--speed. Default: the axis is disabled in contact.",
 )
 @force_max
 @live_in_mm

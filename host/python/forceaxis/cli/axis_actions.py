@@ -79,8 +79,8 @@ def calibrate(connection: AxisConnection, given: Sequence[str], as_json: bool) -
 
 
 def point(text: str) -> tuple[float, float]:
-    """Return a calibration point from a text "COUNT,N": the measured force in counts, and the
-    reference force in N. Raises InputError for another text."""
+    """Return a calibration point from a text "COUNT,N", which has the measured force in counts and
+    the reference force in N. Raises InputError for a text that does not have this form."""
     try:
         count, newton = text.split(",")
         return number(count), number(newton)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--level", type=click.FloatRange(1e-6, 0.5), default=0.05, show_default=True,
-    help="Largest probability with which an unchanged machine is refused.",
+    help="Probability with which an unchanged machine is reported as changed.",
 )  # fmt: skip
 @set_option("Parameter of MODEL.")
 @as_json
@@ -51,8 +51,8 @@ def health(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Compare a measurement of TODAY with the measurement at the release of the axis, and name the
-    parameter that has changed.
+    """Compare the measurement TODAY with the measurement that was made when the axis was released,
+    and name the parameter that has changed.
 
     If the release has a posterior, TODAY is one or more recordings of first contacts (`forceaxis
     recording import`). If the release has a folder of `forceaxis measure`, TODAY is such a folder

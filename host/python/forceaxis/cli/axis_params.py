@@ -206,8 +206,8 @@ def restore(connection: AxisConnection, yes: bool, as_json: bool) -> None:
 
 
 def table(rows: Sequence[DifferenceShown]) -> list[str]:
-    """Return the text lines of a table of all parameters that differ. The first line is the header.
-    If no parameter differs, return no text line."""
+    """Return a table of all parameters whose values in axis and file differ, as text lines. The
+    first text line is the heading. If no parameter differs, return no text line."""
     cells = [
         ["" if value == "1" else str(value) for value in (row.name, row.axis, row.file, row.unit)]
         for row in rows

@@ -57,7 +57,8 @@ Outcome = StoppedAxis | str  # a stopped axis, or the text of an error
 
 @dataclass(frozen=True)
 class AxisOutcome:
-    """The outcome of the stop of one axis with its address."""
+    """The address of an axis that was commanded to stop, and the outcome: the stopped axis or an
+    error."""
 
     address: str
     outcome: Outcome
@@ -69,9 +70,10 @@ Told = AxisOutcome | None  # None: the user or the system has interrupted the pr
 def stop_all(
     each: Sequence[AxisConnection], describe: Describe, report: Callable[[Outcome], None]
 ) -> None:
-    """Stop several axes, and call report() with the outcome for each axis as soon as it is known.
-    describe(axis, prefix, state) is the text about a stopped axis. After Ctrl-C or SIGTERM, end the
-    program as soon as each axis has been commanded; after a second one, at once."""
+    """Stop several axes. As soon as the outcome for an axis is known, call report() with this
+    outcome. describe(axis, prefix, state) returns the text about a stopped axis. After Ctrl-C or
+    SIGTERM, end the program as soon as each axis has been commanded to stop. After a second Ctrl-C
+    or SIGTERM, end the program at once."""
     lines = lines_of(each)
     told: SimpleQueue[Told] = SimpleQueue()
     commanded = [threading.Event() for _ in lines]
@@ -98,9 +100,10 @@ def stop_all(
 
 @contextlib.contextmanager
 def interrupts(told: SimpleQueue[Told]) -> Iterator[list[int]]:
-    """Context manager during which Ctrl-C and SIGTERM put None into the queue `told` the first
-    time, so that no axis is left without its command. The second time, they end the program. The
-    list has the number of the first signal, if there was one."""
+    """Context manager that handles Ctrl-C and SIGTERM. The first signal puts None into the queue
+    `told` and does not end the program, so that each axis is still commanded to stop. The second
+    signal ends the program. The context returns a list, which has the number of the first signal as
+    soon as this signal was received."""
     first: list[int] = []
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
@@ -118,8 +121,9 @@ def interrupts(told: SimpleQueue[Told]) -> Iterator[list[int]]:
 
 
 def lines_of(each: Sequence[AxisConnection]) -> list[list[AxisConnection]]:
-    """Return the connections in lists of those that must not be open at the same time, such as the
-    axes of one serial device. An axis that has several addresses is in the result once."""
+    """Return the connections to axes in groups, each a list. Connections in one group must not be
+    open at the same time, for example because they use one serial device. If several addresses
+    select the same axis, the result has this axis only once."""
     lines: dict[object, dict[object, AxisConnection]] = {}
     for one in each:
         line = lines.setdefault(addresses.shared(one.address), {})
@@ -139,8 +143,9 @@ def stop_line(
     told: SimpleQueue[Told],
     commanded: threading.Event,
 ) -> None:
-    """Stop the axes of one line and put each outcome into the queue `told`. The event `commanded`
-    is set when each of the axes has been commanded or cannot be reached."""
+    """Stop the axes of one serial line, and put the outcome for each axis into the queue `told`.
+    Set the event `commanded` when each of these axes has been commanded to stop or cannot be
+    reached."""
     try:
         if len(line) > 1:
             warn_of_rates(line)
@@ -153,8 +158,9 @@ def stop_line(
 
 
 def warn_of_rates(line: Sequence[AxisConnection]) -> None:
-    """Print a warning for each further bit rate of one serial device, because at most one of them
-    is that of its axes. The axes are commanded at every given rate all the same."""
+    """Print a warning if the addresses for one serial device have different bit rates, because the
+    axes on this device use one bit rate only. Even so, the axes are commanded at every given bit
+    rate."""
     first = line[0]
     rates = {rate_of(one): one for one in reversed(line)}
     for rate, one in rates.items():
@@ -167,8 +173,9 @@ def warn_of_rates(line: Sequence[AxisConnection]) -> None:
 
 
 def command_all(line: Sequence[AxisConnection]) -> list[AxisConnection]:
-    """Command each axis of a line to stop, without waiting for the stop. Return the axes, those
-    without an answer first, because they may still move."""
+    """Command each axis of a serial line to stop, without waiting until the axes stand still.
+    Return all axes. Axes that did not answer come first in this list, because they may still
+    move."""
     silent = [*line]
     for _ in range(FIRST_ROUNDS):
         silent = [one for one in silent if not answers_command(one)]
@@ -176,7 +183,7 @@ def command_all(line: Sequence[AxisConnection]) -> list[AxisConnection]:
 
 
 def answers_command(connection: AxisConnection) -> bool:
-    """Send the command to stop once to an axis. Return True if the axis has accepted it."""
+    """Send one stop command to an axis. Return True if the axis has accepted this command."""
     from forceaxis.axis.actions import QUICK_STOP
 
     rate = rate_of(connection)
@@ -189,8 +196,8 @@ def answers_command(connection: AxisConnection) -> bool:
 
 
 def stop_one(connection: AxisConnection, describe: Describe, commanded: threading.Event) -> Outcome:
-    """Stop one of several axes. Return its state, or the text of the error. An error belongs to
-    this axis alone, because the other axes have to be stopped all the same."""
+    """Stop one of several axes. Return the state of the stopped axis, or the text of an error. An
+    error does not raise an exception, because the other axes still have to be stopped."""
     from forceaxis.axis import actions
     from forceaxis.axis.axis import Axis
 

@@ -22,29 +22,35 @@ from forceaxis.cli.common import Folder, Verb, as_json, print_result
     forceaxis bench --link""",
 )
 @click.option(
-    "--case", "cases", multiple=True, type=click.Choice(["A", "B", "full"]), help="Default: all."
+    "--case",
+    "cases",
+    multiple=True,
+    type=click.Choice(["A", "B", "full"]),
+    help="Model to measure. Default: all. Repeatable.",
 )
 @click.option(
     "--tool",
     "tools",
     multiple=True,
     type=click.Choice(["forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy"]),
-    help="Default: all that are installed. Repeatable, like --case.",
+    help="Simulator to measure. Default: all that are installed. Repeatable.",
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
-@click.option("--sweeps", is_flag=True, help="Also sweeps: runs per second, time per event.")
+@click.option(
+    "--sweeps", is_flag=True, help="Also measure sweeps: runs per second, and time per event."
+)
 @click.option(
     "--link",
     "links",
     is_flag=True,
-    help="Only the rate of the lock-step over LCM and SocketCAN, relative to two programs that "
-    "only exchange messages. The exit status is 1 if a promised rate is missed.",
+    help="Measure only the rate of the lock-step over LCM and SocketCAN, relative to two programs "
+    "that only exchange messages. The exit status is 1 if a promised rate is missed.",
 )
 @click.option(
     "--growth",
     is_flag=True,
-    help="Only how CPU time and peak memory grow with the number of states, of events and of runs "
-    "of a sweep.",
+    help="Measure only how CPU time and peak memory grow with the number of states, of events and "
+    "of runs of a sweep.",
 )
 @click.option("--out", type=Folder(), help="Folder for growth.png and growth.json of --growth.")
 @click.option(
@@ -133,8 +139,8 @@ def growth_text(growth: bench_growth.Growth) -> str:
 
 
 def load_lines(load: float) -> list[str]:
-    """Return one text line with a warning if the computer did other work during the measurement.
-    Otherwise return no text line."""
+    """If other programs used the computer during the measurement, return one text line with a
+    warning. Otherwise return no text line."""
     return [f"{'load':12} {load:.1f}: the machine was not idle"] if load > 0.5 else []
 
 

@@ -17,7 +17,8 @@ from forceaxis.words import number
 
 
 class Terminal:
-    """Asks the person at the terminal for actions and numbers during a bring-up."""
+    """Asks the person at the terminal to act at the board and to enter numbers during a
+    bring-up."""
 
     def act(self, text: str) -> bool:
         """Prints the action that the person has to do at the board. Returns False if the person
@@ -62,7 +63,7 @@ class Terminal:
     help=f"Do only this step, one of {', '.join(steps.STEPS)}. The option can be given several "
     "times.",
 )
-@click.option("--out", type=File(), help="Protocol as JSON, written after each step.")
+@click.option("--out", type=File(), help="Test report as a JSON file, written after each step.")
 def bringup(connection: AxisConnection, names: tuple[str, ...], out: Path | None) -> None:
     """Bring a new board into operation without a motor. The command asks for an action at the
     board, reads the objects of the axis, checks each step, and writes a test report.

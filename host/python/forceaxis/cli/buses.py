@@ -89,12 +89,12 @@ LOOPBACK, WEB_PORT, FOXGLOVE_PORT = "127.0.0.1", 8780, 8765
 @click.option(
     "--host",
     metavar="ADDRESS",
-    help="For --web and --foxglove. Default: 127.0.0.1, this machine.",
+    help="Address at which --web and --foxglove listen. Default: 127.0.0.1, this machine only.",
 )
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    help="For --web and --foxglove. Default: 8780 and 8765; 0: any free port.",
+    help="TCP port. Default: 8780 for --web, 8765 for --foxglove; 0: any free port.",
 )
 @as_json
 def monitor(
@@ -179,7 +179,8 @@ def one_bus(on: tuple[Address, ...]) -> LcmAddress:
 
 
 def expect_without(option: str, wrong: object, others: str) -> None:
-    """Raise UsageError if `wrong` is true. The message says that `option` excludes `others`."""
+    """Raise UsageError if `wrong` is true. The message says that `option` cannot be used together
+    with the options `others`."""
     if wrong:
         raise click.UsageError(
             f"{option}: expected {others} together with this option; remove one of the options"
@@ -187,7 +188,8 @@ def expect_without(option: str, wrong: object, others: str) -> None:
 
 
 def expect_with(options: str, wrong: object, other: str) -> None:
-    """Raise UsageError if `wrong` is true. The message says that `options` need `other`."""
+    """Raise UsageError if `wrong` is true. The message says that `options` can only be used
+    together with the option `other`."""
     if wrong:
         first = other.partition(" ")[0]
         raise click.UsageError(

@@ -44,8 +44,9 @@ OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
     are printed as visible characters, so that these texts cannot change the terminal. The colours
-    that the program itself writes are still shown. Actions in texts of the library are replaced by
-    commands that name the axis of the present command."""
+    that the program itself writes are still shown. If a text of the library tells the user to call
+    a function for an axis, the printed text has the command with the address of this axis
+    instead."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -65,13 +66,15 @@ AXIS_OPTION = "forceaxis.axis_option"  # key in `meta` of a click context
 
 
 def set_axis_option(option: str) -> None:
-    """State the option that selects the axis of the present command, such as "--on can0:5"."""
+    """Store the option that selected the axis of the running command, such as "--on can0:5", for
+    later messages."""
     if context := click.get_current_context(silent=True):
         context.meta[AXIS_OPTION] = option
 
 
 def axis_option() -> str:
-    """Return the option that selects the axis of the present command, or "" without an axis."""
+    """Return the option that selected the axis of the running command, such as "--on can0:5".
+    Return "" for a command without an axis."""
     context = click.get_current_context(silent=True)
     return str(context.meta.get(AXIS_OPTION, "")) if context else ""
 
@@ -102,9 +105,10 @@ OTHER_NAMES = {
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
-    """Return the name of the option of `command` that sets a parameter of the library, such as
-    "--timing" for "timing". If an argument of the command sets the parameter, return the argument's
-    name in the help. Otherwise return None."""
+    """Return the name of the option with which the user of `command` sets a parameter of the
+    library, such as "--timing" for "timing". If the user sets this parameter by an argument, return
+    the argument's name in the help. Return None if neither an option nor an argument sets this
+    parameter."""
     if any("--law" in known.opts for known in command.params):
         from forceaxis.linear.law_text import KEY_OF
 
@@ -126,8 +130,9 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` for the user, in which options of `command` replace parameters
-    of the library. A parameter is replaced if it is between backticks, or begins the message."""
+    """Return the message of `error`, with names of options of `command` in place of names of
+    library parameters. A parameter is replaced if its name is between backticks or begins the
+    message."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -135,8 +140,8 @@ def with_options(command: click.Command, error: InputError) -> str:
 
 
 def options_in(command: click.Command, text: str) -> str:
-    """Return `text` with options of `command` in place of parameters of the library. Only
-    parameters between backticks are replaced."""
+    """Return `text` with names of options of `command` in place of names of library parameters.
+    Only names between backticks are replaced."""
     return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
@@ -146,8 +151,8 @@ def given(value: T | None, default: T) -> T:
 
 
 class Verb(click.Command):
-    """A command of `forceaxis`. Its help prints an example with the line breaks of the source. Its
-    error messages name options of the command instead of parameters of the library."""
+    """A command of `forceaxis`. Its help shows examples with the same line breaks as in the source
+    code. Its error messages name options of the command instead of parameters of the library."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if any("--on" in option.opts for option in self.params):
@@ -244,7 +249,7 @@ class Folder(click.Path):
 
 
 class Positive(click.ParamType[float]):
-    """Type of an option for a number from `low` to `high`. Both ends of this range are above 0."""
+    """Type of an option for a number from `low` to `high`, which are both above 0."""
 
     name = "float"
 
@@ -283,9 +288,9 @@ class Kind(click.Choice[str]):
 
 
 class Subject(click.ParamType[str | Path]):
-    """Type of an argument for a file that the command reads. The user gives the path of the
-    file. For a file in one of `folders`, the file name without ".toml" is enough. The command
-    receives the text that the user has given, or a Path if `as_path` is True."""
+    """Type of an argument for a file that the command reads. The user enters the path of the file.
+    For a file in one of `folders`, the file name without ".toml" is enough. The function of the
+    command receives the entered text, or a Path if `as_path` is True."""
 
     name = "file"
 
@@ -399,9 +404,9 @@ class Object(click.ParamType[str]):
 
 
 def completed(ctx: click.Context, text: str) -> list[str]:
-    """Return all texts with which a shell can complete `--set TEXT`. They are names of firmware
-    objects and their named values, parameters of the model, and two lengths of time: the duration
-    of the experiment and the window of the verdict."""
+    """Return all texts with which a shell can complete `--set TEXT`: names of firmware objects and
+    their named values, names of model parameters, and the two names for the duration of the
+    experiment and for the time window of the verdict."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -415,8 +420,8 @@ def completed(ctx: click.Context, text: str) -> list[str]:
 
 
 def _parameters(ctx: click.Context) -> list[str]:
-    """Return "NAME=" for each parameter of the model on the command line. Return an empty list if
-    the command line has no model or if the model cannot be read."""
+    """Return the text "NAME=" for each parameter of the model that the command line names. Return
+    an empty list if the command line names no model or if the model cannot be read."""
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
 
@@ -503,9 +508,9 @@ COLOURS = {
 
 
 def coloured(text: str, word: str | None = None) -> str:
-    """Return `text` in the colour of the result `word`, for example "stable" or "failed". Without
-    `word`, `text` itself is the result. Return `text` without a colour if the result has none, or
-    if the environment variable NO_COLOR exists."""
+    """Return `text` in the colour that belongs to the result `word`, such as "stable" or "failed".
+    Without `word`, `text` itself is the result. Return `text` unchanged if no colour belongs to the
+    result, or if the environment variable NO_COLOR exists."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
@@ -522,8 +527,8 @@ def fitted(text: str, indent: int = 0) -> str:
 
 
 def fitted_lines(text: str) -> str:
-    """Wrap text lines of the form "key text" to the width of the terminal. A text that contains two
-    consecutive spaces is a row of a table, and is not wrapped."""
+    """Wrap text lines of the form "key text" to the width of the terminal. Text lines whose text
+    contains two consecutive spaces are rows of a table, and are not wrapped."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
@@ -560,8 +565,8 @@ def print_json(result: "Convertible") -> None:
 def print_result(
     result: "Convertible", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
-    """Print a result as JSON, or as the text that the function `text` returns. If `out` is given,
-    the last text line names `out`, the folder of the written files."""
+    """Print a result as JSON, or as the text that the function `text` returns. If the command wrote
+    files to the folder `out`, the last text line names this folder."""
     if as_json:
         print_json(result)
         return
@@ -572,8 +577,8 @@ def print_result(
 
 
 def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -> list[str]:
-    """Return the text lines of a table. Columns with an index in `to_the_left` are aligned to the
-    left, all other columns to the right."""
+    """Return the text lines of a table with aligned columns. Columns whose index is in
+    `to_the_left` are aligned to the left. All other columns are aligned to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

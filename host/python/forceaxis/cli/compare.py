@@ -59,7 +59,13 @@ if TYPE_CHECKING:
     "--samples", type=int, default=40, show_default=True,
     help="Number of runs with parameters and noise sampled at random.",
 )  # fmt: skip
-@click.option("--seed", type=int, default=1, show_default=True, help="Seed of these runs.")
+@click.option(
+    "--seed",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Seed of the random parameters and noise.",
+)
 @set_option("As for run.")
 @click.option(
     "--out",

@@ -45,8 +45,9 @@ def _script(shell: str) -> str:
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
-    """Return two paths for a shell. The first is the path of the completion script. The second is
-    the path of the start-up file that has to load the script, or None for Fish."""
+    """Return the path of the completion script for a shell, and the path of the start-up file of
+    the shell that has to load this script. The second path is None for Fish, which needs no such
+    file."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":
@@ -97,8 +98,8 @@ def install(shell: str | None) -> None:
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
 def show(shell: str) -> None:
-    """Print the completion script for the shell SHELL (bash, zsh or fish), to install the script by
-    hand."""
+    """Print the completion script for the shell SHELL (bash, zsh or fish), for users who install
+    this script by hand."""
     click.echo(_script(shell))
 
 

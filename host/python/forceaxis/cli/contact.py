@@ -36,7 +36,7 @@ NO_COMMAND = (
 
 
 def rows_of(found: ContactFit) -> list[str]:
-    """Return the text lines about an identification from contacts."""
+    """Return the text lines about parameters that were identified from recorded contacts."""
     table = [["parameter", "value", "95 % from", "to", "unit", "of the prior's deviation", ""]]
     for name, one in found.parameters.items():
         share = one.deviation / one.prior_deviation
@@ -87,8 +87,8 @@ def rows_of(found: ContactFit) -> list[str]:
 
 
 def element_rows(found: ContactFit) -> list[str]:
-    """Return the text lines about elements that the model may lack. With such an element, the model
-    would explain the recordings better."""
+    """Return the text lines about elements with which the model would explain the recordings
+    better, such as friction."""
     if not found.elements:
         return ["lacks        none of the elements that were tried explains the rest"]
     lines = []
@@ -126,7 +126,11 @@ def element_rows(found: ContactFit) -> list[str]:
 )  # fmt: skip
 @set_option("Parameter of MODEL that is not identified.")
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the sampler."
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Seed of the random sampler.",
 )
 @click.option("--out", type=Folder(), help="Folder for posterior.json and two pictures.")
 @threads

@@ -44,9 +44,9 @@ PARTS_FILE = click.Path(dir_okay=False, path_type=Path)
     forceaxis cycle statistics records""",
 )
 def cycle() -> None:
-    """Try the program of a cycle before a press exists: with one simulated part, or with thousands
-    of good and bad ones. Then load the program into an axis, press parts, record their results,
-    and see how good the process is.
+    """Try the program of a press cycle before a press exists: with one simulated part, or with
+    thousands of good and bad parts. Then load the program into an axis, press parts, record the
+    results, and see how good the process is.
 
     All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
     The experiment names the model of press and part, the program, the parameters of the axis, and
@@ -112,8 +112,8 @@ def expect_picture(plot: Path | None) -> None:
 
 
 def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return a share from 0 to 1 as a number, from a text such as "1%" or "0.01". Raises InputError
-    for other texts."""
+    """Return a fraction from 0 to 1 as a number, from a text such as "1%" or "0.01". Raises
+    InputError for other texts."""
     if text is None:
         return None
     digits, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
@@ -161,10 +161,12 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
     "--propose",
     metavar="RATE",
     callback=rate,
-    help="Set the bounds of the elements so that this share of good parts is refused, such as 1%. "
-    "Needs -o.",
+    help="Propose bounds of the evaluation elements so that this share of good parts is refused, "
+    "such as 1%. Needs -o.",
 )
-@click.option("--write", "-o", type=File(), help="Program with the bounds of --propose.")
+@click.option(
+    "--write", "-o", type=File(), help="File for the program with the bounds of --propose."
+)
 @click.option(
     "--out",
     type=Folder(),
@@ -246,7 +248,8 @@ def rates(
 @live
 @as_json
 def load(connection: AxisConnection, experiment: Path, program: Path | None, as_json: bool) -> None:
-    """Load the program of an experiment into an axis, and select it.
+    """Load the press program of an experiment into an axis, and select this program for the next
+    cycle.
 
     The axis has to be disabled, and it has to have the scales of the experiment: adc_bits,
     force_sign, rated_force, and force_scale within 1 %. The axis checks the whole program before it

@@ -43,11 +43,13 @@ recorded = click.option(
 
 
 def tables(verb: Callback) -> Callback:
-    """Add options to a command for further files, each with the records of all parts."""
+    """Add the options --jsonl and --parquet to a command. Each option writes one more file with the
+    records of all parts."""
     verb = click.option(
         "--jsonl",
         is_flag=True,
-        help="Write parts.jsonl too, at the end of the command: a record with its curve a line.",
+        help="Write parts.jsonl too, at the end of the command: one line for each record with its "
+        "curve.",
     )(verb)
     return click.option(
         "--parquet", is_flag=True, help="Write parts.parquet too, at the end of the command."
@@ -141,7 +143,8 @@ def write_curve(
     table: Path | None,
     plot: Path | None,
 ) -> None:
-    """Write the files of a recorded curve. Each file is written completely or not at all."""
+    """Write the curve that was recorded for a part to the files of --curve and --plot. Each file is
+    written completely or not at all."""
     from forceaxis import drawing
     from forceaxis.cycles import curve as curves
 
@@ -179,7 +182,7 @@ def result(
     acknowledge: bool,
     as_json: bool,
 ) -> None:
-    """Read all results of an axis that wait for their acknowledgement.
+    """Read the results of all parts that an axis stores until they are acknowledged.
 
     With --out, each result is written to the folder and then acknowledged: the axis keeps it until
     its file is on the disk. A part that the folder has already is not written twice. Without --out,
@@ -313,9 +316,11 @@ def watch(
     metavar="RATE",
     required=True,
     callback=rate,
-    help="Share of parts like the recorded ones that the new bounds refuse, such as 1%.",
+    help="Share of good parts that the new bounds refuse, such as 1%.",
 )
-@click.option("--write", "-o", type=File(), required=True, help="Program with the new bounds.")
+@click.option(
+    "--write", "-o", type=File(), required=True, help="File for the program with the new bounds."
+)
 @options()
 @as_json
 def teach(
@@ -328,8 +333,8 @@ def teach(
     write: Path,
     as_json: bool,
 ) -> None:
-    """Set the bounds of the elements from recorded good parts, so that a stated share of such parts
-    is refused.
+    """Propose bounds for the evaluation elements from recorded good parts. The new bounds refuse
+    the share RATE of such parts.
 
     FOLDER has records of parts that are known to be good, pressed with this program. All of them
     that are not aborted count as good, whatever the old bounds said of them, so give a folder of
@@ -371,7 +376,8 @@ def teach(
 
 
 def _say(event: Silence) -> None:
-    """Print a text line when the axis no longer answers, and another one when it answers again."""
+    """Print a text line when the axis stops answering, and another text line when the axis answers
+    again."""
     said = f"{event.reason}; waiting" if event.reason else "the axis answers again"
     click.echo(f"forceaxis: warning: {said}", err=True)
 
@@ -384,8 +390,8 @@ def _expect_out(parquet: bool, jsonl: bool, out: Path | None) -> None:
 
 
 def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bool) -> None:
-    """Write further files, each with the records of all parts of `folder`. Then print the name of
-    `folder`."""
+    """Write the files of --jsonl and --parquet with the records of all parts in `folder`. Then
+    print the name of `folder`."""
     if folder is None:
         return
     if parquet:
@@ -413,8 +419,8 @@ def statistics(
     page: Path | None,
     as_json: bool,
 ) -> None:
-    """Print statistics of pressed parts: shares of good parts, and of each element mean, standard
-    deviation, Cp, Cpk and a run chart.
+    """Print statistics of pressed parts: the share of good parts, and for each evaluation element
+    the mean, standard deviation, Cp, Cpk and a run chart.
 
     SOURCE is a folder with records, as `cycle start`, `cycle result` and `cycle watch` write it
     with --out, its file parts.jsonl, the folder of `cycle rates`, or a table parts.csv of either.

@@ -27,20 +27,22 @@ STORE_STATES = {
 
 
 def number(value: float | None, unit: str) -> str:
-    """Return a value as text, without its unit. A length is in mm, any other value in its own
-    unit."""
+    """Return a value in the SI unit `unit` as text without the unit. A length in m is converted to
+    mm, any other value keeps its unit."""
     if value is None:
         return "-"
     return f"{value * 1e3 if unit == 'm' else value:.6g}"
 
 
 def shown_unit(unit: str) -> str:
-    """Return the unit of the text that number() returns for a value in `unit`."""
+    """Return the unit in which number() writes a value: mm for a length in m, otherwise `unit`
+    itself."""
     return "mm" if unit == "m" else unit
 
 
 def table(key: str, rows: Sequence[Sequence[str]], to_the_left: tuple[int, ...] = (0,)) -> Rows:
-    """Return a table as rows (key, text)."""
+    """Return a table as pairs (key, text), one for each table row. Only the first pair has the key
+    `key`."""
     lines = aligned(rows, to_the_left)
     return [(key if i == 0 else "", line) for i, line in enumerate(lines)]
 
@@ -91,8 +93,8 @@ def record_line(record: PartRecord) -> str:
 
 
 def running_text(found: PartStatistics) -> str:
-    """Return a short text about the parts until now: the number of good parts, and the smallest
-    Cpk."""
+    """Return a short text about all parts that were pressed until now: the number of good parts,
+    and the smallest Cpk."""
     text = f"{found.good} of {found.good_share.of} good"
     smallest = min(
         ((e.cpk.value, e.name) for e in found.elements if e.cpk is not None), default=None
@@ -101,8 +103,8 @@ def running_text(found: PartStatistics) -> str:
 
 
 def curve_rows(curve: CurvePoints | None, files: Sequence[Path]) -> Rows:
-    """Return the row (key, text) about the recorded curve of a part and about the files that have
-    this curve."""
+    """Return the rows (key, text) about the recorded curve of a part: its number of points, and the
+    files to which the curve was written."""
     if curve is None:
         return []
     text = f"{len(curve.time_s)} points"
@@ -126,7 +128,7 @@ def percent(share: Share) -> list[str]:
 
 
 def counts_text(counts: PartCounts) -> str:
-    """Return as text how many parts had each result: good, bad, aborted."""
+    """Return a text with the numbers of parts whose result is good, bad and aborted."""
     text = f"{counts.parts}: {counts.good} good, {counts.bad} bad, {counts.aborted} aborted"
     text += f", {counts.no_result} without result" if counts.no_result else ""
     return text + (f", {counts.failed} failed" if counts.failed else "")
@@ -227,8 +229,8 @@ def run_chart(values: Sequence[float | None]) -> str:
 
 
 def interval_cells(interval: Interval | None, without: str) -> list[str]:
-    """Return cells of a table: a statistical value and its confidence interval, or the reason why
-    the value is missing."""
+    """Return two cells of a table: a statistical value and its confidence interval, or the reason
+    why this value is missing."""
     if interval is None:
         return ["-", without]
     return [f"{interval.value:.3g}", f"{interval.low:.3g} to {interval.high:.3g}"]

@@ -61,7 +61,7 @@ class Newtons(click.ParamType[tuple[float, ...]]):
     multiple=True,
     type=Parameter(),
     metavar="NAME=PERCENT%|LOW..HIGH",
-    help="Tolerance of a model parameter; several with commas between them. Repeatable.",
+    help="Tolerance of a model parameter; commas separate several tolerances. Repeatable.",
 )
 @click.option(
     "--modes",
@@ -271,8 +271,8 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
 
 @contextlib.contextmanager
 def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
-    """Provide, for a `with` block, a function that shows a text as the progress line of a terminal.
-    Provide None if `stream` is not a terminal."""
+    """Context manager that returns a function. The function shows a text as the progress line of a
+    terminal. The context manager returns None if `stream` is not a terminal."""
     if not stream.isatty():
         yield None
         return

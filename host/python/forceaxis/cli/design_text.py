@@ -15,8 +15,8 @@ NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
 def describe(outcome: DesignOutcome, width: int | None = None) -> str:
-    """Return the text about a designed force law, at most `width` characters wide. Without `width`,
-    the tables have all columns."""
+    """Return the text about a designed force law, at most `width` characters wide. If `width` is
+    None, the tables in this text have all columns."""
     bank = outcome.bank
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [

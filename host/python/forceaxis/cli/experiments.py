@@ -113,7 +113,7 @@ def named(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str]:
     """Return {NAME: VALUE} from the texts "NAME=VALUE" of an option. Raises InputError for a text
-    of another form, and for a NAME that occurs twice."""
+    that does not have this form, and for a NAME that occurs twice."""
     given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")

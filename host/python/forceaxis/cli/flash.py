@@ -30,7 +30,7 @@ UPDATE_SUFFIX = ".update"
 
 @dataclass(frozen=True)
 class UpdateSummary:
-    """The JSON result that `forceaxis flash --dry-run --json` prints about an update file."""
+    """The content of an update file, as `forceaxis flash --dry-run --json` prints it."""
 
     file: Path
     version: str
@@ -181,7 +181,7 @@ def expect_only_bus_options(
     erase_parameters: bool,
     serial: str,
 ) -> None:
-    """Raise InputError if an option is given that only a debug probe uses."""
+    """Raise InputError if the user gave an option that is only for writing by a debug probe."""
     if address is not None or erase_parameters or serial:
         raise InputError(
             "--address, --erase-parameters, --serial: expected none of these options for an "

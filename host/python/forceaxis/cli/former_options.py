@@ -26,7 +26,8 @@ FORMER = frozenset(
 
 
 class AddressType(Protocol):
-    """The type of the option --on of a command (live_options.AxisAddress)."""
+    """The part of the class live_options.AxisAddress, the type of the option --on, that this module
+    uses."""
 
     is_repeatable: bool
 
@@ -34,9 +35,10 @@ class AddressType(Protocol):
 
 
 class Former(NamedTuple):
-    """The earlier options among the arguments of a command. `names`: these options. `words`: the
-    arguments with --on instead of these options, or None if no --on can replace them. `reason`: the
-    end of the error message that states why, or ""."""
+    """Options of earlier versions that were found among the arguments of a command. `names`: names
+    of these options. `words`: the arguments with --on in place of these options, or None if --on
+    cannot replace them. `reason`: the reason why --on cannot replace them, as the end of the error
+    message, or ""."""
 
     names: list[str]
     words: list[str] | None = None
@@ -44,8 +46,8 @@ class Former(NamedTuple):
 
 
 def found_in(command: click.Command, words: Sequence[str]) -> Former | None:
-    """Return the earlier options in `words`, the arguments of a command. Return None if the command
-    has no option --on, or if `words` has no earlier option."""
+    """Find options of earlier versions in `words`, the arguments of a command. Return None if the
+    command has no option --on, or if `words` contains no such option."""
     on_type = next((o.type for o in command.params if "--on" in o.opts), None)
     if on_type is None:
         return None
@@ -101,8 +103,9 @@ def expect_none(context: click.Context, words: Sequence[str]) -> None:
 
 
 def addresses(given: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return the addresses of the axes that the values of earlier options name. `given`: {option:
-    values}. The list is empty if the options select several buses or no bus."""
+    """Return the addresses of the axes that the user selected by options of earlier versions.
+    `given`: {option: values}. The returned list is empty if these options select several buses or
+    no bus."""
     last = {name: values[-1] for name, values in given.items()}
     buses = {"--can", "--modbus", "--sim", "--axis", "--lcm-url", "--url"} & set(given)
     url = last.get("--lcm-url") or last.get("--url")

@@ -92,11 +92,15 @@ csv_file = click.argument("data", type=click.Path(dir_okay=False), metavar="DATA
     forceaxis identify decrement base.csv --signal base.position --from-s 0.1 --mass 500+-20"""
 )
 @csv_file
-@click.option("--signal", "column", help="Column of the vibration. Default: the one after time_s.")
 @click.option(
-    "--from-s", type=float, default=float("-inf"), help="Start of the part that is used, s."
+    "--signal", "column", help="Column of the vibration. Default: the column after time_s."
 )
-@click.option("--to-s", type=float, default=float("inf"), help="End of the part that is used, s.")
+@click.option(
+    "--from-s", type=float, default=float("-inf"), help="Start of the time span that is used, s."
+)
+@click.option(
+    "--to-s", type=float, default=float("inf"), help="End of the time span that is used, s."
+)
 @click.option(
     "--floor",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
@@ -163,9 +167,17 @@ def decrement(
     epilog="forceaxis identify split --total-mass 132.4 --stiffness 665000 --frequency-hz 33+-0.1"
 )
 @click.option("--total-mass", type=Known(), required=True, help="Sum of the masses, kg.")
-@click.option("--stiffness", type=Known(), required=True, help="Stiffness between them, N/m.")
 @click.option(
-    "--frequency-hz", type=Known(), required=True, help="Undamped frequency, both masses free."
+    "--stiffness",
+    type=Known(),
+    required=True,
+    help="Stiffness of the spring between the masses, N/m.",
+)
+@click.option(
+    "--frequency-hz",
+    type=Known(),
+    required=True,
+    help="Undamped natural frequency in Hz, with both masses free.",
 )
 @as_json
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_json: bool) -> None:
@@ -203,7 +215,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
 
 
 def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the option --offset to a command that fits a straight line."""
+    """Add the option --offset to a command that fits a straight line to measured points."""
     return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
     )
@@ -212,7 +224,9 @@ def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
 @identify.command(epilog="forceaxis identify tach speeds.csv --offset")
 @csv_file
 @click.option("--speed", default="speed_rad_per_s", show_default=True, help="Column of the speed.")
-@click.option("--tach", default="tach_V", show_default=True, help="Column, V.")
+@click.option(
+    "--tach", default="tach_V", show_default=True, help="Column of the tachometer voltage."
+)
 @with_offset
 @as_json
 def tach(data: str, speed: str, tach: str, offset: bool, as_json: bool) -> None:
@@ -232,11 +246,15 @@ def tach(data: str, speed: str, tach: str, offset: bool, as_json: bool) -> None:
 )
 @csv_file
 @click.option("--motor", default="motor_V", show_default=True, help="Column of the motor voltage.")
-@click.option("--tach", default="tach_V", show_default=True, help="Column, V.")
+@click.option(
+    "--tach", default="tach_V", show_default=True, help="Column of the tachometer voltage."
+)
 @click.option("--k-torque", type=Known(), required=True, help="Torque constant, N m/A.")
 @click.option("--k-back-emf", type=Known(), required=True, help="Back-EMF constant, V s/rad.")
 @click.option("--k-tach", type=Known(), required=True, help="Tachometer constant, V s/rad.")
-@click.option("--resistance", type=Known(), required=True, help="Of motor and leads, ohm.")
+@click.option(
+    "--resistance", type=Known(), required=True, help="Resistance of motor and leads, ohm."
+)
 @with_offset
 @as_json
 def motor(

@@ -47,7 +47,9 @@ if TYPE_CHECKING:
     "--wait", "wait_s", type=Positive(0, 1e6), help="Longest time to wait for an incident, s."
 )
 @click.option(
-    "--counts-per-mm", type=Positive(1e-6, 1e9), help="Encoder counts per mm; the text then has mm."
+    "--counts-per-mm",
+    type=Positive(1e-6, 1e9),
+    help="Encoder counts per mm, to print lengths in mm.",
 )
 @click.option(
     "--file", type=click.Path(dir_okay=False, path_type=Path), metavar="INCIDENT.json",

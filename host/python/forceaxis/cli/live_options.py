@@ -38,8 +38,8 @@ ENVIRONMENT = "FORCEAXIS_AXIS"  # environment variable with an address, used wit
 
 @dataclass(frozen=True)
 class Kinds:
-    """Kinds of address (keys of address.EXAMPLES) that a command accepts. `why`: the reason why the
-    command accepts no other kind, as the end of a sentence."""
+    """The kinds of address that a command accepts, as keys of address.EXAMPLES. `why`: the reason
+    why the command accepts no other kind of address, as the end of an error message."""
 
     kinds: tuple[str, ...] = tuple(addresses.EXAMPLES)
     why: str = ""
@@ -130,9 +130,9 @@ def serial_devices(folder: Path = Path("/dev")) -> list[str]:
 
 @dataclass(frozen=True)
 class AxisConnection:
-    """Connection to an axis as selected by the user: the addresses of the option --on, and the
-    values of --set and --model. `source`: the option or environment variable that gave the
-    address."""
+    """The connection that the user has selected: the addresses of the option --on, and the values
+    of --set and --model. `source`: the option or environment variable from which the address
+    comes."""
 
     addresses: tuple[Address, ...] = ()
     overrides: tuple[str, ...] = ()
@@ -243,8 +243,8 @@ def on_option(
     keeps_wrong: bool = False,
 ) -> Callable[[Callback], Callback]:
     """Return a decorator that adds the option --on to a command. The function of the command
-    receives a tuple of addresses as the parameter `on`. `is_repeatable`: the command takes several
-    addresses, and not only to refuse them. `keeps_wrong`: as in AxisAddress."""
+    receives a tuple of addresses as the parameter `on`. `is_repeatable`: True if the command can
+    use several addresses. `keeps_wrong`: as in AxisAddress."""
     example = addresses.examples(accepted.kinds)
     repeated = " Repeatable." if is_repeatable else ""
     return click.option(
@@ -355,8 +355,8 @@ def warn_of_link(axis: Axis) -> None:
 
 def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     """Print a warning if `force_scale` of the axis was never set, because forces in N are then
-    wrong. This function prints no warning for a simulated axis, because the connection of a
-    simulated axis compares `force_scale` with the model."""
+    wrong. For a simulated axis this warning is not needed, because the connection compares
+    `force_scale` with the model."""
     from forceaxis.axis import quantity
 
     force_scale, date = axis.number("force_scale"), axis.integer("calibration_date")
@@ -381,9 +381,9 @@ def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
 
 @contextlib.contextmanager
 def errors(connection: AxisConnection | None = None) -> Iterator[None]:
-    """During a `with` block: if the axis refuses a request or a step, or does not respond, print
-    one text line and exit with status 1. If the text line contains a command, the command has
-    --on, because the environment variable may select another axis."""
+    """Context manager that reports errors of an axis. If the axis refuses a request or a step, or
+    does not respond, print one text line and exit with status 1. A command in this text line has
+    the option --on, because the environment variable may select another axis."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     if connection is not None:

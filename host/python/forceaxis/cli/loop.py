@@ -75,8 +75,8 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 def present(
     result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
-    """Print the result of a command as a JSON object, or as the text that `describe` returns. The
-    text ends with the path of the image file `out`."""
+    """Print the result of a command as a JSON object, or as the text that `describe` returns. If
+    the command wrote the image file `out`, the last text line has the path of this file."""
     if as_json:
         print_json(result)
         return
@@ -108,8 +108,8 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 class Law(click.ParamType[str]):
-    """Type of the option --law, the text of a control law or a file. A shell can complete names,
-    keys and files."""
+    """Type of the option --law, which is the text of a control law or the path of a file. A shell
+    can complete the names of control laws, the keys of their parameters, and file names."""
 
     name = "law"
 
@@ -128,8 +128,9 @@ class Law(click.ParamType[str]):
 
 
 def one_law(context: click.Context, option: click.Parameter, texts: tuple[str, ...]) -> str | None:
-    """Return the value of the option --law. Raises BadParameter if the option is given twice. If
-    both texts name one law, the message shows the two texts as one text."""
+    """Return the value of the option --law. Raises BadParameter if the option is given several
+    times. If the given texts are about the same control law, the message shows them joined in one
+    option."""
     if len(texts) < 2:
         return next(iter(texts), None)
     from forceaxis.linear.law_text import parse_law
@@ -167,8 +168,8 @@ law_option = click.option(
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the parameter `request`, a LoopRequest. All options that are not parameters of
-    the command's own function become fields of this LoopRequest."""
+    """Return a command whose function receives a LoopRequest as its parameter `request`. The values
+    of all options that are not parameters of this function become fields of the LoopRequest."""
     own = inspect.signature(verb).parameters
 
     @functools.wraps(verb)
@@ -222,7 +223,9 @@ drawn = click.option("--out", type=File(), help="Draw a figure: FILE.png, .svg o
 
 
 loop_timing = click.option(
-    "--timing", type=TIMINGS, help="Default: latency_ticks of the experiment, else zoh."
+    "--timing",
+    type=TIMINGS,
+    help="Sampling of the loop. Default: latency_ticks of the experiment, else zoh.",
 )
 
 

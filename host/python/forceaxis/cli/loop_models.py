@@ -114,10 +114,12 @@ def modes_(
 @click.option(
     "--timing",
     type=TIMINGS,
-    help="Default: continuous for the plant; with a gain that of the experiment, else zoh.",
+    help="Sampling. Default: continuous for the plant; with a gain as in the experiment, else zoh.",
 )
 @free
-@click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
+@click.option(
+    "--input", "input_", help="Input of the plant: drive.command, drive.force or BODY.force."
+)
 @click.option("--output", help="A signal of the model. Default: the input of ADC 0.")
 @click.option("--span-hz", type=Positive(), help="Half-width of the figure, Hz.")
 @drawn

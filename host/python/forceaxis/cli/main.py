@@ -146,8 +146,8 @@ def cli(context: click.Context) -> None:
 
 def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error. If the message does not state what was expected, a hint
-    to `--help` is added. If the command line has an option or command of an earlier version, the
-    message shows the command line of the present version, or says what to do instead."""
+    to `--help` is added. If the user typed an option or command of an earlier version, the message
+    shows the command line for the present version, or says what to do instead."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if isinstance(error, click.exceptions.NoSuchOption) and context:
@@ -165,8 +165,8 @@ def with_help(error: click.ClickException) -> str:
 
 
 def with_table(message: str) -> str:
-    """Return `message`, with a hint if a file has a wrong key in its table [set]: the hint names
-    another table in which this key is valid. Return other messages unchanged."""
+    """Return the error message `message`. If the error is a wrong key in the table [set] of a file,
+    add a hint that names the table in which this key is valid."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -183,8 +183,8 @@ def main() -> None:
 
 
 def _run() -> None:
-    """Run the command, and exit with its status unless this status is 0. A command returns None,
-    and click returns the status of Context.exit()."""
+    """Run the command of the user. If the command ends with an exit status other than 0, exit the
+    program with this status."""
     if status := cli(prog_name="forceaxis", standalone_mode=False):
         sys.exit(status)
 

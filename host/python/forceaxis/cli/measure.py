@@ -79,8 +79,8 @@ def measure_axis(
     free: bool,
     model: str,
 ) -> None:
-    """Run the command `measure` on a live axis: measure the frequency response, write the files
-    to `out` and print the result."""
+    """Run the command `measure` for a live axis: measure the frequency response of the axis, write
+    the files to the folder `out` and print the result."""
     from forceaxis import linear
     from forceaxis.cli.response_text import describe_response
     from forceaxis.commission import as_found, measuring
@@ -134,8 +134,16 @@ def measure_axis(
 @click.argument("target", required=False)
 @click.option("--output", help="Output signal; with --inject codes adc0, adc1, encoder.")
 @click.option("--input", help="Input signal. Default: the excitation.")
-@click.option("--inject", type=click.Choice(["volts", "codes"]), help="Unit. Default: volts.")
-@click.option("--excitation", type=click.Choice(["noise", "sine", "chirp"]), help="Default: noise.")
+@click.option(
+    "--inject",
+    type=click.Choice(["volts", "codes"]),
+    help="Unit of the excitation. Default: volts.",
+)
+@click.option(
+    "--excitation",
+    type=click.Choice(["noise", "sine", "chirp"]),
+    help="Kind of excitation. Default: noise.",
+)
 @click.option(
     "--band",
     "band_hz",
@@ -147,15 +155,16 @@ def measure_axis(
     "--resolution",
     "resolution_hz",
     type=float,
-    help="Spacing of the lines, Hz. Default: the lowest frequency.",
+    help="Spacing of the spectral lines, Hz. Default: the lowest frequency.",
 )
-@click.option("--level", type=float, help="Excitation: V rms (noise), V or codes.")
-@click.option("--bias", type=float, help="Mean of the excitation, V or codes.")
+@click.option("--level", type=float, help="Level of the excitation: V rms (noise), V or DAC codes.")
+@click.option("--bias", type=float, help="Mean of the excitation, V or DAC codes.")
 @click.option("--averages", type=int, help="Number of averages. Default: 16.")
 @click.option(
     "--window",
     type=click.Choice(["none", "hann"]),
-    help="Default: none, with periodic excitation. With hann the results begin at the third line.",
+    help="Window of the spectrum. Default: none, with periodic excitation. With hann the results "
+    "begin at the third spectral line.",
 )
 @click.option(
     "--clamped", is_flag=True, default=None, help="Contacts transmit tension too (thesis 3.2.2)."

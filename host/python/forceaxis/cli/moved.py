@@ -62,9 +62,9 @@ def _present_words(arguments: Sequence[str]) -> list[str]:
 
 
 def told(arguments: Sequence[str], context: click.Context) -> str:
-    """Return the error message about a command that has another name in this version. The message
-    has the whole command line of this version, and what else is wrong with the command line.
-    `context`: the click context of the program."""
+    """Return the error message for a command that was renamed since an earlier version. The message
+    shows the complete command line for this version, and says what else is wrong in the typed
+    command line. `context`: the click context of the program."""
     words = _present_words(arguments)
     count, command, parent = 0, context.command, context
     while isinstance(command, click.Group) and count < len(words):
@@ -90,8 +90,8 @@ def told(arguments: Sequence[str], context: click.Context) -> str:
 
 
 def gone(error: click.UsageError) -> str | None:
-    """Return what the user does instead of using the option of a usage error. Return None if the
-    command did not have this option in an earlier version."""
+    """Return an error message that says what to do instead of using a removed option. Return None
+    if the command did not have the option of `error` in an earlier version."""
     if not isinstance(error, click.exceptions.NoSuchOption) or error.ctx is None:
         return None
     command = error.ctx.command_path.removeprefix("forceaxis ")
@@ -100,8 +100,9 @@ def gone(error: click.UsageError) -> str | None:
 
 
 def with_one_law(arguments: Sequence[str]) -> list[str]:
-    """Return `arguments` with one option --law, which replaces --law and the earlier options of a
-    control law. The option is at the index of the first option that it replaces."""
+    """Return `arguments` with a single option --law. It replaces all options --law and all options
+    of earlier versions that described a control law, and stands at the place of the first of
+    them."""
     kept: list[str] = []
     name, pairs, place = "", list[str](), None
     rest = iter(arguments)

@@ -22,12 +22,12 @@ from forceaxis.design.data_sheet import default_of
 
 
 def option_of(field: data_sheet.SheetField) -> str:
-    """Return the name of the option that sets one value of the data sheets."""
+    """Return the name of the option by which the user sets one value from the data sheets."""
     return "--" + field.name.lower().replace("_", "-")
 
 
 def options(command: Callback) -> Callback:
-    """Add one option to the command for each value of the data sheets."""
+    """Add options to the command `new`, one option for each value from the data sheets."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else field.shown(default_of(field, {}))
         help_text = f"{field.part}: {field.ask} [default: {default}]"
@@ -39,8 +39,8 @@ def options(command: Callback) -> Callback:
 
 
 def prompt(field: data_sheet.SheetField, proposed: str, number: int) -> str:
-    """Ask the user for one value of the data sheets until the answer is valid, and return the
-    answer. The answer data_sheet.BACK means that the user returns to the previous question."""
+    """Ask the user for one value from the data sheets until the answer is valid, and return the
+    answer. If the user wants to return to the previous question, the answer is data_sheet.BACK."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(

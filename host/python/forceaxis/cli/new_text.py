@@ -13,7 +13,7 @@ LIMIT_NAMED_BELOW = (
 
 def describe(done: NewAxis) -> list[tuple[str, str]]:
     """Return the text lines (key, text) about the written files, the gain of the P law and the
-    filter bank."""
+    designed filter bank."""
     return [
         ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
         ("total mass", f"{done.total_mass_kg:.4g} kg{done.mass_with}"),
@@ -28,8 +28,8 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
 
 
 def _reserve(done: NewAxis) -> str:
-    """Return the end of the text about the gain of the P law: by what factor the gain can be
-    raised, and the critical gain."""
+    """Return a text that follows the gain of the P law. It states the factor by which this gain can
+    be raised before the contact becomes unstable, and the critical gain of the linear loop."""
     if done.force_gain_reserve is None:
         return f", a sixth of the linear limit {done.force_limit_gain:.4g}"
     return (
@@ -39,8 +39,8 @@ def _reserve(done: NewAxis) -> str:
 
 
 def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
-    """Return the text lines (key, text) that compare the designed filter bank with the P law. Both
-    have the same margins."""
+    """Return the text lines (key, text) that compare the designed filter bank with a P law that has
+    the same margins."""
     if bought is None:
         return []
     if isinstance(bought, NoBank):

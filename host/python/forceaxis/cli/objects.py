@@ -24,7 +24,8 @@ FILE_OPTIONS = [f"--{kind}" for kind in FILES]
 
 
 def file_options(verb: Callback) -> Callback:
-    """Add options for files that describe the objects, one option for each kind of file."""
+    """Add options to the command `objects`, one for each kind of file that can describe the
+    objects."""
     for kind, (_, content) in reversed(FILES.items()):
         option = click.option(
             f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."

@@ -36,7 +36,7 @@ def recording() -> None:
 
 
 def source_of(file: Path, separator: str | None) -> Source:
-    """Return an object that reads recordings from a file of any supported kind."""
+    """Return a reader for a recorded file of any supported kind."""
     from forceaxis.commission import incident
 
     if incident.is_incident(file):
@@ -137,7 +137,7 @@ def info(file: Path, as_json: bool) -> None:
 
 
 def report_damage(damage: str | None) -> None:
-    """Print on standard error which part of a damaged log was skipped."""
+    """If a log is damaged, print on standard error which part of the log was skipped."""
     if damage:
         click.echo(f"forceaxis: {damage}", err=True)
 
@@ -160,7 +160,7 @@ def summary(found: SignalRecording) -> JsonObject:
 
 def text_of(done: Imported) -> str:
     """Return a table of the imported signals, and one text line for each gap, jump or other
-    observation."""
+    irregularity that was found in a signal."""
     found = done.recording
     head = ("signal", "unit", "samples", "rate Hz", "from s", "to s", "min", "max", "delay s", "of")
     rows = [head, *(_row(signal) for signal in found)]
@@ -198,8 +198,8 @@ def _row(signal: RecordedSignal) -> tuple[str, ...]:
 
 
 def findings_of(signal: RecordedSignal) -> list[str]:
-    """Return one text line for each gap, jump or other observation in a signal. If some of them are
-    not shown, the last text line states how many."""
+    """Return one text line for each gap, jump or other irregularity in a signal. If there are too
+    many, the last text line states how many are not shown."""
     lines, left = [], dict[str, int]()
     for finding in signal.findings:
         count = left[finding.kind] = left.get(finding.kind, 0) + 1

@@ -50,8 +50,8 @@ def describe_response(summary: AxisMeasurementSummary) -> list[Row]:
 
 
 def _friction_rows(found: FrictionSummary) -> list[Row]:
-    """Return the rows (name, text) about the dry friction that was found with a frequency
-    response."""
+    """Return the rows (name, text) about the dry friction that was estimated from a measured
+    frequency response."""
     rows, parts = [], []
     if found.dead_zone_codes:
         newtons = "" if found.moving_N is None else f", {found.moving_N:.3g} N"
@@ -77,7 +77,8 @@ def _friction_rows(found: FrictionSummary) -> list[Row]:
 
 
 def _missing_friction_rows(toml_lines: str) -> list[Row]:
-    """Return the rows (name, text) with the [[friction]] elements that are missing in the model."""
+    """Return the rows (name, text) with the elements [[friction]] that the user should add to the
+    model."""
     lines = list(filter(None, toml_lines.splitlines()))
     return [("" if i else "model lacks", line) for i, line in enumerate(lines)]
 

@@ -115,9 +115,8 @@ def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
 
 
 def dead_zone_lines(why: str | None) -> list[str]:
-    """Return the text line about a control law with a large dead zone. The output of the law is 0
-    for all force errors up to the set-point, because of rounding. Return no text line if `why` is
-    None."""
+    """Return a text line with the warning that rounding makes the output of the control law 0 for
+    all force errors up to the set-point (dead zone). Return no text line if `why` is None."""
     return [f"dead zone    {why}"] if why else []
 
 
@@ -168,8 +167,9 @@ def describe_loci(result: LocusResult) -> str:
 
 
 def _set_lines(analysed: AnalysedSet) -> list[str]:
-    """Return the text lines about a set of plants. The first states the ranges of the parameters.
-    The others state one combination each of states of the elements, such as an open contact."""
+    """Return the text lines about a set of plants. The first text line states the ranges of the
+    parameters. Each further text line states one combination of the states of the elements, such as
+    an open contact."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
     if analysed.over.plants is not None:
         spans.append(f"{analysed.over.plants} plants that stand for 95 % of the posterior")
@@ -184,8 +184,8 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
 
 
 def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
-    """Return the text lines about the worst bandwidth and margins over a set of plants. After each
-    value follows the plant that has this value. `unit`: unit of the gain."""
+    """Return the text lines about the worst bandwidth and the worst margins over a set of plants.
+    Each value is followed by the plant with this value. `unit`: unit of the gain."""
     own = f", force_gain {at.firmware_gain:.5g}" if at.firmware_gain else ""
     head = f"at           {at.gain:.6g} {unit}{own}: "
     if not at.stable:

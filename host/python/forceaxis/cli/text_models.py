@@ -115,7 +115,8 @@ def _number(value: float | None) -> str:
 
 def describe_system(system: System, mode: Working | None, drive: DriveFacts | None = None) -> str:
     """Return the text that `forceaxis loop linearise` prints: the rows of the matrices, one for
-    each state and each output. For a drive with a velocity loop, the text has its gains too."""
+    each state and each output. For a drive with a velocity loop, the text also has the gains of
+    this loop."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
     lines += mode_lines(mode)

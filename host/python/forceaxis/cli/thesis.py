@@ -72,9 +72,9 @@ def tables_(
 
 
 def tables_text(result: tables.TablesResult) -> str:
-    """Return the text lines about the stability tables of the thesis. They have each cell whose
-    simulated verdict differs from the thesis, with the reason, then the fitted constants, and then
-    the number of cells whose verdicts are equal."""
+    """Return the text lines about the stability tables of the thesis: each cell whose simulated
+    verdict differs from the thesis, with the reason, then the fitted constants, and then the number
+    of cells with equal verdicts."""
     lines = []
     for cell in result.cells:
         if cell.agrees:
@@ -130,7 +130,7 @@ def session(out: Path, as_json: bool) -> None:
 
 
 def session_text(found: "SessionResult") -> str:
-    """Return the values that were observed in a laboratory session, as text lines with units."""
+    """Return the values that were measured in a laboratory session, as text lines with units."""
     from forceaxis.thesis import session as thesis_session
 
     scales = thesis_session.scales()
@@ -192,7 +192,13 @@ def claims_text(result: "claims.CheckedClaims") -> str:
     epilog="""forceaxis thesis beam
     forceaxis thesis beam --modes 4 --json""",
 )
-@click.option("--bending-stiffness-nm2", type=float, default=1.0, show_default=True, help="E I.")
+@click.option(
+    "--bending-stiffness-nm2",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Bending stiffness E I.",
+)
 @click.option("--mass-per-length-kg-per-m", type=float, default=1.0, show_default=True)
 @click.option("--length-m", type=float, default=1.0, show_default=True)
 @click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)

@@ -43,7 +43,7 @@ from forceaxis.cli.measure import band, newtons
     required=True,
     callback=newtons,
     metavar="N,N",
-    help="Two or more forces, N.",
+    help="Two or more contact forces to measure at, N.",
 )
 @click.option(
     "--over", multiple=True, required=True, type=Parameter(), metavar="NAME=PERCENT%",
@@ -55,7 +55,13 @@ from forceaxis.cli.measure import band, newtons
     "wrong: m_w=2.35 has the error of a weighed mass. Repeatable.",
 )  # fmt: skip
 @mode_option("states")
-@click.option("--force-max", "force_max_N", type=Positive(), required=True, help="Force bound, N.")
+@click.option(
+    "--force-max",
+    "force_max_N",
+    type=Positive(),
+    required=True,
+    help="Force above which the axis stops, N.",
+)
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest permitted Ms.")
 @click.option(
     "--band",
@@ -64,10 +70,17 @@ from forceaxis.cli.measure import band, newtons
     callback=band,
     help="Frequency band in Hz. Default: 1:100.",
 )
-@click.option("--averages", type=click.IntRange(4, 64), help="Averages per response. Default: 8.")
+@click.option(
+    "--averages", type=click.IntRange(4, 64), help="Averages per frequency response. Default: 8."
+)
 @click.option("--travel-mm", type=Positive(), help="Travel bound of the excitation. Default: 1.")
 @click.option("--only", help="Run this step only, even if it is done.")
-@click.option("--out", type=Folder(), required=True, help="Folder; tune continues an earlier one.")
+@click.option(
+    "--out",
+    type=Folder(),
+    required=True,
+    help="Folder for the results; an earlier run in it is continued.",
+)
 @as_json
 def tune(
     connection: AxisConnection,
