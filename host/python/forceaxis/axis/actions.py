@@ -24,7 +24,7 @@ FORCE_MAX_COUNTS = 512  # largest value of the object `force_max` in force count
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
 # Largest increase of the measured force during a retract, in 8-bit counts.
 RETRACT_FORCE_COUNTS = 8
-# Largest number of steps in which a target force is lowered to 0, and longest time in s for it.
+# Number of steps in which a target force is lowered to 0. Longest time in s that it may take.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 # Name of the object that sets the target force, for each mode of operation with force control.
 FORCE_TARGETS = {
@@ -179,7 +179,7 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_PERIOD_S)
-    # the object `calibration_state` then contains the reason why the axis refused
+    # After a refusal, the object `calibration_state` contains the reason.
     except Refused as error:
         refusal = error
     found = axis.record(CalibrationObjects)
@@ -278,8 +278,8 @@ def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
 
 @dataclass(frozen=True)
 class PressOrder:
-    """Options of a press, without the force. Axis.press() describes each option and its default
-    value, which is used if the option is None."""
+    """Options of a press, except its force. Axis.press() describes each option and its default
+    value. If an option is None, its default value is used."""
 
     seconds: float = 3.0
     speed: float | str | None = None
@@ -482,7 +482,7 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
-        # The position limit of the axis is nearer than the end of the retract.
+        # The retract would end beyond a position limit of the axis.
         except InputError as error:
             raise Refused(
                 f"{axis.link.where}: expected an axis that can be retracted, got: {error}"

@@ -40,7 +40,7 @@ SERIAL = re.compile(r"serial:(/[^@]+?)(?:@([^:]*))?(?::([^:./]*))?")
 LCM = re.compile(r"lcm(?::([^@]*))?(?:@(.+))?")
 SIM = re.compile(r"sim:(.+?\.toml|[^@/]+)(?:@(.+))?")
 NAMED_SIM = re.compile(r"sim:([^@/]+)@(.+)")
-# Pattern of texts that begin like another kind of address, with or without a number: lcm, tcp0.
+# Pattern of texts such as lcm or tcp0, which are not the name of a CAN interface.
 NOT_CAN = re.compile(
     r"((lcm|tcp|serial|sim)(\d*))(?:[:@].*)?", re.ASCII | re.IGNORECASE | re.DOTALL
 )
@@ -216,9 +216,9 @@ def bus(address: Address) -> Address:
 
 
 def shared(address: Address) -> tuple[object, ...]:
-    """Returns what only one connection of a program at a time should use: a serial device, the
-    server of Modbus TCP, the SDO channel of a node on CAN, otherwise the axis. The result is equal
-    for different spellings of one device or server."""
+    """Returns a key that is equal for addresses that use the same serial device, the same Modbus
+    TCP server or the same SDO channel of a CAN node. A program should have only one connection at a
+    time for each key. For other addresses, the key is the address itself."""
     if isinstance(address, SerialAddress):
         return "serial", os.path.realpath(address.device)
     if isinstance(address, TcpAddress):
@@ -310,7 +310,7 @@ def _sim(text: str) -> SimAddress:
     found = SIM.fullmatch(text)
     if found is None:
         raise _wrong(text, FORMS["sim"])
-    # The file of the store may end in .toml like an experiment in a folder with @ in its name.
+    # The name of a store file may end in .toml. A folder with experiments may have @ in its name.
     named = NAMED_SIM.fullmatch(text)
     if named and ("/" not in named[2] or (paths.EXPERIMENTS / f"{named[1]}.toml").is_file()):
         found = named
@@ -329,9 +329,9 @@ def _wrong(text: str, expected: str) -> InputError:
 def _integer(
     text: str, digits: str | None, known: range, what: str, where: str, example: str
 ) -> int | None:
-    """Reads one number of an address. `digits` are the digits of this number in the text, or None
-    if the text has no such number. Returns None in this case. Raises InputError if the number is
-    outside the range `known`."""
+    """Converts the digits of one number in an address to an integer. `digits` is None if the
+    address does not contain this number. The result is then also None. Raises InputError if the
+    number is outside the range `known`."""
     if digits is None:
         return None
     if not (digits.isascii() and digits.isdecimal() and len(digits) < 9 and int(digits) in known):

@@ -1,6 +1,6 @@
 """Operates one axis over any connection. All values are in engineering units.
 
-with Axis.on("sim:session") as axis:                  # acquires the axis; or "can0:5"
+with Axis.on("sim:session") as axis:                  # or "can0:5"; acquires the axis
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)
     axis.get("force", "fault")                        # {"force": 0.0, "fault": "none"}
     axis.enable("profile position")

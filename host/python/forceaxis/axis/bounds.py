@@ -120,8 +120,8 @@ def most_force(axis: AxisValues) -> float:
 
 def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
     """Checks a target force in N to which an excitation is added. Raises InputError if the axis
-    would limit the force. Also raises InputError if the force with the excitation is outside the
-    range that expect_readable() permits."""
+    would limit the target force, or if the sum of target force and excitation is outside the range
+    that expect_readable() permits."""
     expect_readable(axis, force_N, swing, quantity.force_per_count(axis))
     expect(axis, {"target_force": 1e6 * force_N / axis.number("rated_force")})
 
@@ -159,8 +159,8 @@ def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
 
 def of_reading(planned: PlannedValues) -> Bound | None:
     """Returns the range of force in 8-bit counts that the sensor can measure, computed from the ADC
-    codes without the two end codes. If the force at an end of the range is 0, this end is no bound,
-    because the axis then presses against the end or has no contact."""
+    codes without the two end codes. If the force at one end of the range is 0, this end does not
+    bound a target force."""
     sensor = planned.record(SensorObjects)
     bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
     sign = sensor.force_sign
@@ -270,8 +270,8 @@ def _position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _end(position: float) -> float:
-    """Returns a position limit. The value that means "no limit" becomes an infinity with the same
-    sign."""
+    """Returns a position limit of the axis. If the value means "no limit", returns an infinity with
+    the sign of the value."""
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
@@ -308,8 +308,8 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
     """Returns a function that yields the bounds of an object that sets a DAC code. `beside`: name
-    of another object whose DAC code is added. This code is added in every mode if `always` is True,
-    otherwise only in excitation mode."""
+    of another object whose DAC code is added. If `always` is True, the other DAC code is added in
+    every mode of operation, otherwise only in excitation mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.number("output_limit")

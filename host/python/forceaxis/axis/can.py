@@ -142,8 +142,8 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # Name of the sub-object of 1016h that this program has written, and its earlier value.
-        # The value is None while the axis does not monitor the heartbeat of this program.
+        # Name of the sub-object of 1016h that this program has written, and its earlier raw value.
+        # This pair is None while the axis does not monitor the heartbeat of this program.
         self._watched: tuple[str, int] | None = None
         # Command specifier, index and sub-index of the expected SDO answer.
         # None means that any SDO answer is accepted.
@@ -237,8 +237,8 @@ class CanLink(RecorderLink):
         raise AssertionError("READS is at least 1")
 
     def _whole(self, stream: BinaryIO, name: str, most: int) -> bytes:
-        """Returns all bytes of an SDO stream. If there are more than `most` bytes, aborts the
-        transfer and raises NoAnswer."""
+        """Reads an SDO stream to its end and returns its bytes. If the stream has more than `most`
+        bytes, aborts the SDO transfer and raises NoAnswer."""
         data = bytearray()
         while piece := stream.read(7):
             data += piece

@@ -33,7 +33,7 @@ RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # device name (object 1008h) of every axis with the product code of forceaxis
 OBJECTS_PER_COMMAND = 64  # largest number of objects in one command to the gateway
-# Beginnings of the names of objects that a gateway sets for its own use.
+# Objects whose names begin with these texts are set by a gateway for its own use.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
@@ -88,7 +88,7 @@ class GatewayLink(Link):
             # The gateway has set up an acquired axis.
             # If an acquired axis is no longer set up, it has restarted.
             # A late command must not reach a restarted axis, because the command may move it.
-            # A stop does not wait: if it is refused, the user has to know at once.
+            # A stop command does not wait, because the user must know at once if it is refused.
             if self._keeper or _only_stops(values):
                 command()
             else:

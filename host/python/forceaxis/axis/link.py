@@ -75,7 +75,8 @@ class Recording:
         return column if known.scale == 1 else column.astype(float) * known.scale
 
     def floats(self, name: str) -> NDArray[np.float64]:
-        """Returns one signal in the same way as values(), but always as floating-point numbers."""
+        """Returns one signal of the recording as values() does, but always as floating-point
+        numbers."""
         return self.values(name).astype(float)
 
     @property
@@ -103,7 +104,7 @@ class Link(abc.ABC):
     _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:
-        """Reads the size of an encoder count from the encoder in a model file. Raises InputError if
+        """Sets the size of one encoder count from the encoder in a model file. Raises InputError if
         the model has no encoder."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:

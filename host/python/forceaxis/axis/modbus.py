@@ -35,7 +35,7 @@ PARITIES = "EN"
 # size in bytes of the objects cycle_data_1 to cycle_data_16, and of the head of an update
 PART_BYTES = 64
 FLASH_BUSY = mask("program_flash_status", "busy")
-# number of attempts if the answer to a request is lost; the axis ignores bytes that it has already
+# Number of attempts to send a request whose answer is lost. The axis ignores repeated bytes.
 PART_TRIES = 3
 MOST_REGISTERS = 125  # largest number of registers in one Modbus request
 # {CANopen index of a text: number of the same text in Modbus function 43 / 14}

@@ -55,9 +55,9 @@ HEXADECIMAL_NAMES = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
-    """Finds arrays in the object table. Returns {common name: objects of the array}. The objects of
-    an array have the same properties, are adjacent in the table, and have numbered names, beginning
-    with 1."""
+    """Finds the arrays in the object table. Returns {common name of the objects: objects of the
+    array}. The objects of an array have the same properties, are adjacent in the table, and have
+    numbered names, beginning with 1."""
     found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
         stem, _, number = o.name.rpartition("_")
@@ -409,8 +409,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
 def _described_bound(
     known: AxisObject, described: Mapping[str, toml.TomlValue], bound: str, ours: int
 ) -> float:
-    """Returns the lower or upper end of the range that a parameter file states for an object. If
-    the parameter file states no such end, returns `ours`. Raises InputError."""
+    """Returns the smallest or largest value that a parameter file permits for an object. If the
+    parameter file states no such bound, returns `ours`. Raises InputError."""
     value = described.get(bound, ours)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(

@@ -1,5 +1,5 @@
-"""Converts the text of a user to the value of an object. The text is a number in the unit of the
-object, a text of an enumeration, or a quantity such as "75 N", "10 mm" or "4mm/s".
+"""Converts a text that the user has typed to the value of an object. The text is a number in the
+unit of the object, a text of an enumeration, or a quantity such as "75 N", "10 mm" or "4mm/s".
 
 Forces are converted with force_scale and rated_force of the axis. Times and codes are converted
 with fixed factors. For lengths, the size of a position count must be known. It is known from the
@@ -157,9 +157,9 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
 
 
 def parse(axis: AxisValues, name: str, text: str) -> Value:
-    """Converts the text of a user to a value for Axis.set(). The text is a number, or the text of
-    an enumeration, or a quantity with a unit that fits the object, such as "30 count", "75 N" or
-    "10 mm". Raises InputError."""
+    """Converts a text that the user has typed to a value for Axis.set(). The text is a number, or
+    the text of an enumeration, or a quantity with a unit that fits the object, such as "30 count",
+    "75 N" or "10 mm". Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text

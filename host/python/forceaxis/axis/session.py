@@ -180,8 +180,8 @@ class Session(AxisClient):
 
 
 def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
-    """Returns the states that contain the time of the firmware, and the time of each in s from the
-    first of them."""
+    """Returns those of the received states that contain the time of the firmware. Also returns the
+    time of each of these states in s, counted from the first of them."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

@@ -54,7 +54,7 @@ class ProgramObjects:
 
 @dataclass(frozen=True)
 class RefusalObjects:
-    """The reason why an axis has refused an update."""
+    """The object that states why an axis has refused an update of its firmware."""
 
     program_refusal: str | int
 
@@ -208,7 +208,7 @@ def _axis_at(link: Link) -> Axis:
 def _restarted(connect: Callable[[], Link], where: str) -> tuple[Axis, ProgramObjects]:
     end = time.monotonic() + RESTART_MAX_S
     with progress.phase("restarting the axis"):
-        # the axis still answers until it restarts, so this program waits first
+        # The axis answers until it restarts. Therefore this program waits before its first request.
         time.sleep(4 * POLL_S)
         while True:
             axis = None

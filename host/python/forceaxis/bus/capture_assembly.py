@@ -9,7 +9,7 @@ from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 
-# Largest accepted number of samples of a capture. Every recording of the firmware is smaller.
+# Largest accepted number of samples of a capture. No recording of the firmware has more samples.
 # A message with a larger number of samples is corrupted, and would allocate much memory.
 SAMPLES_MAX = 1_000_000
 
@@ -24,7 +24,8 @@ class Assembly:
         self.raw = np.zeros((0, 0), np.int64)
         self.have = np.zeros(0, np.bool_)
         self.decimation = self.trigger_sample = 0
-        self.first_tick: int | None = None  # tick of the first sample of the capture
+        # tick of the firmware in which the first sample of the capture was recorded
+        self.first_tick: int | None = None
         self.newest_us = 0
 
     def take(self, block: axis_capture_t) -> bool:

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from forceaxis.bus.capture_assembly import Samples
 
-Span = tuple[float, float]  # ends of a range of values: (low, high)
+Span = tuple[float, float]  # smallest and largest value of a range: (low, high)
 Line = tuple[Samples, Samples, str]  # a curve: (x values, y values, colour)
 
 # DOTS[row, column] is the bit that sets this dot of a braille character.
@@ -64,7 +64,7 @@ def _pixels(
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # The dots between the samples are computed first, then the dots of the samples.
+    # The dots that connect the samples are computed first, and then the dots of the samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)

@@ -4,7 +4,7 @@ commands.
     from forceaxis.bus.client import AxisClient
 
     with AxisClient(1) as axis:
-        axis.take()                            # acquires the axis; other buses are then refused
+        axis.take() # acquires the axis, which then refuses commands from other buses
         axis.write("force_gain", 7.0)          # engineering value, or text of an enumeration
         axis.read("force_gain")                # 7.0
         held = axis.capture(["force", "dac_code"], samples=1500)
@@ -42,7 +42,7 @@ from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import number, suggestion
 
 # A command without an answer is sent this many times within its time-out.
-# Even if a network loses half of all datagrams, only one of 100,000 commands gets no answer.
+# If a network loses half of all datagrams, only one of 100,000 commands stays without an answer.
 COMMAND_TRIES = 40
 # If no block of a capture arrives for this time in s, the client asks the gateway for samples.
 # PROGRESS_WAIT_S applies while the gateway may still read the samples from the axis.
@@ -239,8 +239,9 @@ class AxisClient(Closable):
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
         """Waits for the end of a recording, for at most `timeout_s`, and then for its samples.
-        Requests lost samples from the gateway again. Returns a capture_assembly.Assembly. Its
-        `missing` is the number of samples that were lost in all attempts."""
+        Requests lost samples from the gateway again. Returns the recording as a
+        capture_assembly.Assembly, whose `missing` is the number of samples that could not be
+        received."""
         end = time.monotonic() + timeout_s
         is_read, have, fruitless = False, 0, 0  # is_read: True if the gateway has read the recorder
         while not self._whole(number):
@@ -311,7 +312,7 @@ class AxisClient(Closable):
         """Raises NoAnswer if the recorder still waits for its trigger or still records."""
         state = self.read("recorder_state")
         if state not in ("armed", "recording"):
-            return  # the gateway is still reading the samples from the axis
+            return  # At this point, the gateway is still reading the samples from the axis.
         why = "the recording has not ended; wait longer"
         if state == "armed":
             why = (

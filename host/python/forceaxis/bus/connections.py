@@ -34,7 +34,7 @@ LOOK_S = 0.1
 # Layout of struct tcp_info (linux/tcp.h), with only the fields that Counted contains.
 INFO = struct.Struct("=B51xI64xQ")
 ESTABLISHED, CLOSE_WAIT = 1, 8
-OPEN = (ESTABLISHED, CLOSE_WAIT)  # TCP states in which this process has not closed the connection
+OPEN = (ESTABLISHED, CLOSE_WAIT)  # TCP states of a connection that this process has not closed yet
 T = TypeVar("T")
 
 
@@ -48,8 +48,8 @@ class Counted(NamedTuple):
 
 
 class Connection(NamedTuple):
-    """State of one connection at one check. The connection that is smallest in tuple order is
-    closed first."""
+    """State of one connection at one check of the connections. If too many connections are open,
+    the smallest State in tuple order belongs to the connection that is closed first."""
 
     answered: bool
     active: int  # negative time in ms since data of the client last arrived
@@ -113,13 +113,14 @@ class Bounds:
         finally:
             if viewed:
                 viewed.detach()
-            # Otherwise `_view` would keep the connection open after the server has closed it.
+            # If `_view` kept this connection, it would stay open after the server has closed it.
             os.dup2(self._nothing, self._view, inheritable=False)
 
 
 def descriptors() -> Iterable[int]:
-    """Returns the numbers of the open file descriptors of this process. Reading this list needs a
-    free descriptor. If no descriptor is free, returns all possible numbers."""
+    """Returns the numbers of the open file descriptors of this process. To find these numbers, one
+    file descriptor must be free. If none is free, returns the numbers of all possible
+    descriptors."""
     try:
         return map(int, os.listdir("/proc/self/fd"))
     except OSError:

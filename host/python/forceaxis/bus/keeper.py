@@ -130,7 +130,7 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """A WatchdogKeeper for an axis behind a gateway. It has its own LCM client. It can therefore
+    """A WatchdogKeeper for an axis at a gateway. It has an LCM client of its own, so that it can
     write while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:

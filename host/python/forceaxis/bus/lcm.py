@@ -135,7 +135,8 @@ def default_url() -> str:
 
 
 def connect(url: str | None = None) -> lcm.LCM:
-    """Connects to an LCM bus. Raises InputError with a text of one line that states the remedy."""
+    """Connects to an LCM bus. If this fails, raises InputError, whose text states the remedy in one
+    line."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
@@ -193,7 +194,7 @@ class Gaps:
 
     def __init__(self) -> None:
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
-        self.rivals = False  # True if two programs publish on this channel
+        self.rivals = False  # True if two programs publish messages on this channel
         self._runs: dict[int, _Run] = {}
         self._latest: int | None = None
 

@@ -112,8 +112,8 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Returns True if the log entry that begins at `start` ends at `stop`. This is assumed if
-        the next entry or the end of the file is at `stop`, or if no other entry begins between
+        """Returns True if the log entry that begins at `start` probably ends at `stop`. This is so
+        if the next entry or the end of the file is at `stop`, or if no other entry begins between
         `start` and `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0

@@ -39,7 +39,7 @@ class WrittenTable:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """Result of the export of a log."""
+    """Result of the export of the LCM messages in a log."""
 
     file: Path
     out: Path
@@ -119,7 +119,7 @@ class _Exporter:
         self.undecodable = 0
 
     def take(self, entry: LogEntry) -> None:
-        """Adds the message of a log entry to the table of its channel."""
+        """Adds the message in a log entry to the table for the channel of this message."""
         if type_of(entry.channel, entry.data) is None:
             self.others.add(entry.channel)
             return

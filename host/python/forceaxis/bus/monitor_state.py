@@ -44,7 +44,7 @@ T = TypeVar("T")
 # {code of a unit in CiA 303-2: (displayed unit, number of displayed units in one such unit)}.
 # The three codes of CiA 303-2 are those of metre, radian and degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
-# in the list of events, this text precedes the number of repetitions of an event
+# text before the number of repetitions of an event in the list of events
 REPETITION_MARK = " x"
 # Kinds of events that the monitor shows as alarms.
 ALARM_EVENTS = {
@@ -146,7 +146,8 @@ class Snapshot:
 
 
 def text(value: int, words: Callable[[int], T]) -> T | None:
-    """Returns words(value), usually a text, or None if the value is not available."""
+    """Returns the result of words(value), usually a text. Returns None if the value is not
+    available."""
     return None if known(value) is None else words(value)
 
 
@@ -314,8 +315,8 @@ class AxisWatch:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def mismatch(self) -> str | None:
-        """Returns a text with the hashes of both object tables if the firmware has another object
-        table than this program. Returns None if they are equal."""
+        """If the firmware has another object table than this program, returns a text with the
+        hashes of both object tables. Otherwise returns None."""
         theirs = self.state and known(self.state.objects_hash)
         # If the hash of the object table is 0, the gateway has not read it yet.
         if not theirs or theirs == TABLE_HASH:

@@ -122,7 +122,7 @@ def fault_text(words: AxisSnapshot) -> Text:
     if fault in (None, "none"):
         if not code:
             return Text("fault -" if fault is None else "no fault", style=QUIET)
-        # This error belongs to the drive profile or to a bus, and causes no fault of the axis.
+        # An error of the drive profile or of a bus does not cause a fault of the axis.
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 

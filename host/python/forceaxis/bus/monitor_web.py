@@ -121,12 +121,12 @@ def kill(process: asyncio.subprocess.Process, number: int) -> None:
             os.kill(process.pid, number)
 
 
-# The server of Textual has no other way to use another class than AppService.
+# The server of Textual has no parameter for a class other than AppService.
 textual_server.AppService = Screen  # type: ignore[misc]
 
 
 class MonitorServer(textual_server.Server):
-    """Serves one HTML page and its screens. Refuses a request from a page of a different web
+    """Serves one HTML page and its screens. Refuses a request that comes from a page of another web
     site."""
 
     def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:

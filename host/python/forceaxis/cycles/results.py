@@ -41,7 +41,7 @@ READ_TRIES = 20
 POLL_S = 0.2  # time in s between two reads of the number of results that wait to be acknowledged
 RECONNECT_S = 1.0
 # If the CRC of the parameters is older than this time in s, it is computed again for the next part.
-# The CRC is not computed for each part, because some hundred objects must be read for it.
+# The CRC is not computed for each part, because this needs the values of some hundred objects.
 CRC_KEPT_S = 60.0
 
 
