@@ -37,7 +37,7 @@ from forceaxis.recordings.touch import (
     touch_of,
 )
 
-# Probability with which all bands of a recording together contain the measured values.
+# Probability that all measured values of a recording are within their bands.
 CONFIDENCE = 0.95
 SAMPLES = (8, 2000)  # smallest and largest number of runs
 BEFORE_S = 0.05  # signals are compared and drawn from this time in s before the first contact
@@ -45,14 +45,15 @@ LEAST_SPAN_S = 0.02
 AFTER_S = 0.05  # each run lasts longer than the comparison by this time in s
 POINT_BAND = 1.96  # half width of the band of a single sample, in standard deviations
 SAME_TICKS = 2  # two first contacts with at most this distance in ticks are simultaneous
-LEAST_SHARE = 0.5  # a figure is expected if at least this share of the runs has it
+# a characteristic value is expected if at least this fraction of the runs has this value
+LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class ComparedFigure:
-    """One figure of a contact, such as its peak force. It has the measured value, the median of the
-    predicted values, and the band in which the measured value is expected. None means that the
-    contact has no such value."""
+    """One characteristic value of a contact, such as its peak force: the measured value, the median
+    of the predicted values, and the band in which the measured value is expected. None means that
+    the contact has no such value."""
 
     figure: str
     unit: str
@@ -70,8 +71,9 @@ class RecordingComparison:
     recording: str  # file name of the recording
     title: str
     experiment: str
-    agrees: bool  # True if all figures are within their bands
-    input: str  # signal of the recording that feeds the runs, or "law"
+    agrees: bool  # True if all characteristic values are within their bands
+    # recorded signal that is the input of the runs, or "law" if the force law controls the runs
+    input: str
     touch_s: float  # time of the first contact in the recording, in s
     gap_m: float | None  # gap of the model in m with which a run makes contact at touch_s
     # mean of the measured force in N before the first contact; it is subtracted from all forces
@@ -80,7 +82,7 @@ class RecordingComparison:
     runs: int
     span_s: float  # time in s after the first contact up to which signals are compared
     figures: tuple[ComparedFigure, ...]
-    # {signal: share of its samples that are within the band for a single sample}
+    # {signal: fraction of its samples that are within the band for a single sample}
     inside: dict[str, float]
     notes: tuple[str, ...]
 
@@ -115,15 +117,15 @@ class ComparedRecording:
 
 @dataclass(frozen=True)
 class _Figure:
-    """A figure of a contact before its band is computed. `runs`: values of all runs. `resolution`:
-    error of the figure because of the finite number of samples."""
+    """A characteristic value of a contact before its band is computed. `runs`: the value in each
+    run. `resolution`: error of the value because of the finite sampling rate."""
 
     figure: str
     unit: str
     measured: float | None
     runs: Sequence[float | None]
     resolution: float = 0.0
-    has_low: bool = True  # False if a small value is not a difference
+    has_low: bool = True  # False if a small value does not count as a difference
 
 
 @dataclass
@@ -158,7 +160,7 @@ def compare(
     force = recording["force"]
     level = level_of(force.values, f"{where}: force")
     touch_s = touch_of(force.true_time_s, force.values, level)
-    assert touch_s is not None  # never None here, because level_of() has found a contact
+    assert touch_s is not None  # touch_s is never None here, because level_of() has found a contact
     if span_s is not None:
         predictor.until_s = touch_s + span_s + AFTER_S
     measured = _Measured(where, predictor, touch_s, level)
@@ -182,7 +184,7 @@ def _runs(measured: _Measured) -> list[_Run]:
     predictor, request = measured.predictor, measured.predictor.request
     nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
-        # Counted from the first contact, the recorded set-points act at the recorded times.
+        # The recorded set-points act at their recorded times after the first contact.
         found = predictor.touch_s(nominal, measured.level)
         if found is not None:
             predictor.setpoint_shift_s = found - measured.touch_s
@@ -256,7 +258,7 @@ def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> Compar
             series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
             own = ForceLevel(0.0, level.noise, level.contact)
             figures = _contact_figures(grid, values, series, own, quantum) + figures
-        elif name == "position":  # the position zero of the machine is not that of the model
+        elif name == "position":  # Position 0 of the machine is not position 0 of the model.
             values = values - np.interp(0.0, grid, values)
             # The time of the first contact is uncertain by half a sample.
             floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
@@ -304,7 +306,7 @@ def _missing_noise(series: Floats, grid: Floats, level: ForceLevel) -> float:
 def _contact_figures(
     grid: Floats, force: Floats, series: Floats, level: ForceLevel, quantum: float
 ) -> list[_Figure]:
-    """Returns the figures of the contact force: the measured values, and the values of all runs."""
+    """Returns the characteristic values of the contact force, as measured and in all runs."""
     own = figures_of(grid, force, level)
     runs = [figures_of(grid, one, level) for one in series]
     period_s = float(np.median(np.diff(grid)))
@@ -353,9 +355,10 @@ def _share(values: Sequence[float | None]) -> float:
 
 
 def _with_bands(figures: Sequence[_Figure]) -> tuple[ComparedFigure, ...]:
-    """Returns the figures with their bands. The bands contain all measured values together with the
-    probability CONFIDENCE. A band is the range of all runs, or as many standard deviations as a
-    normal distribution needs, whichever is wider. The resolution is added to it."""
+    """Returns the characteristic values with their bands. With the probability CONFIDENCE, all
+    measured values are within their bands. A band is the range of all runs, or as many standard
+    deviations as a normal distribution needs, whichever is wider. The resolution is added to the
+    band."""
     tail = (1 - CONFIDENCE) / (2 * len(figures))
     deviations = statistics.NormalDist().inv_cdf(1 - tail)
     return tuple(_with_band(figure, deviations) for figure in figures)

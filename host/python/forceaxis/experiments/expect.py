@@ -85,7 +85,8 @@ def _number(
     low: float = 0.0,
     no_number: str = "",
 ) -> ResultKey:
-    """Returns the row of a number. `meaning` is a sentence without the full stop."""
+    """Returns the description of a key whose value is a number. `meaning` is a sentence without the
+    full stop."""
     allowed = (
         f"{100 * tolerance.relative:g} %"
         if tolerance.relative
@@ -297,7 +298,7 @@ class NumberTable:
 
 
 Expected: TypeAlias = str | Number
-# Value of the run that is compared. None if the run does not have this value.
+# value of the run that is compared; None if the run does not have this value
 Obtained: TypeAlias = str | float | None
 
 
@@ -309,7 +310,7 @@ class Expectation:
     # column of the trace; None: force of the first contact, or the encoder without a contact
     signal: str | None
     from_s: float
-    # duration in s over which the final value is averaged; None: a tenth of the time after from_s
+    # duration in s of the mean for the final value; None: a tenth of the time after from_s
     final_s: float | None
     band: float  # half of the width of the settling band
     # True if the settling band is in the unit of `signal`; False if it is a fraction of the step
@@ -342,7 +343,8 @@ class ExpectationCheck:
     obtained: Obtained
     unit: str = ""  # unit of the obtained number
     why: str = ""  # reason for the verdict of the run
-    agrees: bool | None = None  # for a figure of a recording: True if it agrees
+    # for a value from a recording: True if it agrees with the prediction
+    agrees: bool | None = None
 
     @property
     def passed(self) -> bool:
@@ -355,8 +357,8 @@ class ExpectationCheck:
 
     @property
     def warning(self) -> str:
-        """A warning if the expected verdict belongs to an earlier version, which had only two
-        verdicts; otherwise empty."""
+        """A warning if the expected verdict was written by an earlier version, which had only two
+        verdicts. Otherwise an empty text."""
         matches = self.expected == "unstable" and self.obtained in NOT_STABLE[1:]
         if self.key != "verdict" or not matches:
             return ""
@@ -627,8 +629,8 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
 def recording_checks(
     file: Path, expect: Expectation, overrides: Sequence[str] = ()
 ) -> list[ExpectationCheck]:
-    """Returns one check for each figure of the recordings in [expect]. Raises InputError,
-    SimulationError."""
+    """Returns one check for each characteristic value of the recordings that [expect] names. Raises
+    InputError, SimulationError."""
     if not expect.recordings:
         return []
     # These modules load much code that a test without recordings does not need.

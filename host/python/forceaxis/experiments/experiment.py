@@ -118,8 +118,8 @@ class Experiment:
         return Result(runs.run(self._file, texts, text=self._text))
 
     def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Returns {full name of a parameter or object: value}. Raises InputError with all unknown
-        names."""
+        """Returns {full name of a parameter or object: value}. If names are unknown, raises
+        InputError with all of them."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
         def fail(name: str, message: str) -> NoReturn:
@@ -268,7 +268,7 @@ class Result:
             raise KeyError(f"{name}: expected one of {', '.join(self)}")
         column = QUANTITIES[name]
         converter = self._converter(column)
-        assert converter is not None  # A quantity without a converter has no unit.
+        assert converter is not None  # A quantity that no converter measures has no unit.
         codes = columns[column].astype(float)
         return np.asarray((codes - converter.zero) * converter.per_code)
 

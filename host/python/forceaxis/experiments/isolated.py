@@ -25,7 +25,7 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
     found = []
     for place in np.ndindex(shape):
         near = tuple(slice(max(0, i - 1), i + 2) for i in place)
-        # known: verdicts of the point and of its neighbours
+        # verdicts of the point and of its neighbours, as far as they are known
         known = [v for v in cells[near].ravel() if v]
         if cells[place] and len(known) > 2 and known.count(cells[place]) == 1:
             found.append(int(numbers[place]))

@@ -37,7 +37,8 @@ from forceaxis.words import option_words
 
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
-_IN_VCAN = "FORCEAXIS_VCAN"  # environment variable that tools/vcan sets
+# environment variable that tools/vcan sets for the commands that it runs
+_IN_VCAN = "FORCEAXIS_VCAN"
 
 
 class LinkError(Exception):
@@ -51,7 +52,7 @@ class LinkOptions:
     kind: str = "inproc"  # kind of the connection, one of KINDS
     lcm_url: str = ""  # URL of the LCM bus; if empty, the number of the run selects the port
     can: str = "vcan1"  # name of the CAN interface
-    inject: str = ""  # errors that tests insert into the messages of both processes
+    inject: str = ""  # faults that tests add to the messages of both processes
     start_timeout_s: float = 5.0  # longest time in s until the first message arrives
     timeout_s: float = 1.0  # longest time in s between two messages
 

@@ -59,8 +59,8 @@ class Line:
 
 @dataclass
 class Marks:
-    """Everything that a plot shows besides signals. Times are in s. Marks outside of the plotted
-    time range are not shown."""
+    """Everything that a plot shows in addition to signals. Times are in s. Marks outside of the
+    plotted time range are not shown."""
 
     # (time of the change in s, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
@@ -81,7 +81,7 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-OVERLAP_SHARE = 0.015  # marks overlap below this distance, as a share of the plot's width
+OVERLAP_SHARE = 0.015  # marks that are closer than this fraction of the plot's width overlap
 MOST_MARKS = 3  # largest number of overlapping marks that are drawn separately
 LINE_WIDTH = THIN["linewidth"]
 CONTACT_COLOUR = "#dbe6f1"
@@ -234,7 +234,7 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
         for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MOST_MARKS:
-                # The line of each kind of event has a height of its own.
+                # Each kind of event has its line at a different height.
                 height = 1.03 + 0.012 * level
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip
@@ -245,7 +245,7 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
-    """Returns the times in groups, in ascending order. Two neighbours in a group have a distance of
+    """Returns the times in groups, in ascending order. In a group, two consecutive times differ by
     at most `close`."""
     found: list[list[float]] = []
     for time in sorted(times):

@@ -54,8 +54,8 @@ class SweepParameter:
     tolerance: float = 0.0
 
     def at(self, u: float) -> float:
-        """Returns the value at the fraction u of the range, from 0 to 1. It is rounded to 12
-        digits, so that its text is exact."""
+        """Returns the value at the fraction u, from 0 to 1, of the range. The value is rounded to
+        12 digits, so that its text is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)

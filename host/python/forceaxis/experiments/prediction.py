@@ -31,9 +31,10 @@ from forceaxis.words import suggestion
 TICK_S = 1 / _core.TICKS_PER_SECOND
 LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # largest number of changes of a recorded set-point
-OF_FIRMWARE = ("code", "force_setpoint")  # inputs of a run that only the firmware can have
+# inputs of a run that exist only on an axis with this firmware
+OF_FIRMWARE = ("code", "force_setpoint")
 DEFAULT_GAP = "gap"  # name of the model parameter that moves the first contact by default
-FAR_M = 1.0  # length in m by which the gap is enlarged, so that a run makes no contact
+FAR_M = 1.0  # length in m that is added to the gap, so that a run makes no contact
 
 Member = Mapping[str, float]  # {parameter: value in SI units} of one run
 Columns = Mapping[str, Floats]
@@ -85,7 +86,7 @@ class Predictor:
     notes: list[str] = field(default_factory=list)
     # time in the recording, in s, after which a run with the recorded inputs may end
     until_s: float = math.inf
-    # shift of the recorded set-points in s; set when both first contacts are known
+    # shift of the recorded set-points in s; it is set when both first contacts are known
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
 
@@ -223,8 +224,8 @@ class Predictor:
 
     def members(self, nominal: Columns, level: ForceLevel) -> list[dict[str, float]]:
         """Returns {parameter: value} for each run, sampled at random: values in the ranges, and
-        joint samples of the posterior. An axis meets the workpiece at any instant within a tick. So
-        without a recorded command, the gap is sampled over the travel of one tick."""
+        joint samples of the posterior. The first contact can occur at any instant within a tick.
+        Without a recorded command, the gap is therefore sampled over the travel of one tick."""
         rng = np.random.default_rng(self.request.seed)
         ranges = {name: (low, high) for name, (_, low, high) in self.ranges.items()}
         touch_s = self.touch_s(nominal, level)
@@ -339,7 +340,7 @@ class Predictor:
 
     def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
         """Returns the time of the first contact of a run in s from tick 0, or None without contact.
-        The contact is found at the same level of the force as in the recording."""
+        The contact is detected at the same threshold of the force as in the recording."""
         force = self.force().of(columns)
         time_s: Floats = np.arange(len(force), dtype=np.float64) * TICK_S
         return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))

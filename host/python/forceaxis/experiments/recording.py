@@ -27,8 +27,8 @@ def unit_of(done: Run, column: str) -> str:
 
 
 def entries(done: Run) -> Iterator[LogEntry]:
-    """Yields the trace of a run as messages of the simulator. The times of the messages are those
-    of the run, from 0. So equal runs give equal messages."""
+    """Yields the trace of a run as messages of the simulator. The times of the messages are counted
+    from the start of the run, so that equal runs give equal messages."""
     signals = [name for name in done.columns if name not in NOT_SIGNALS]
     units = [unit_of(done, name) for name in signals]
     table = np.column_stack([done.columns[name].astype(float) for name in signals])

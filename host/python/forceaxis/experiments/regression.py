@@ -33,7 +33,7 @@ class RegressionOutcome:
     seconds: float = 0.0  # duration of the test in s
     message: str = ""  # reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
-    # the run and its checks, as long as a plot or an update needs the run
+    # the run with its checks; None when no plot or update needs the run any longer
     examined: expect.Examined | None = None
     drawn: Path | None = None  # path of the plot of the differences
 

@@ -65,7 +65,7 @@ class Run:
 
     @property
     def summary(self) -> JsonObject:
-        """Returns the result of the run for JSON."""
+        """Returns the result of the run as an object for the JSON output."""
         return to_json(self.result)
 
 

@@ -1,5 +1,5 @@
-"""Runs of one experiment with many sets of values. The module has the journal of finished runs, and
-the places that execute runs: threads of this process, or a cluster.
+"""Runs one experiment with many sets of values. Finished runs are stored in a journal. Threads of
+this process or a cluster execute the runs.
 
 Each finished run is a text line of a journal. The key of the line is a hash of the values, the
 input files, the firmware and the simulator. A run with a line in the journal is not repeated. Runs
@@ -79,7 +79,8 @@ class Journal(Generic[T]):
     def __init__(
         self, path: Path | None, identity: Identity, kind: Callable[..., T], what: str = "sweep"
     ) -> None:
-        """`kind`: class of the outcomes. `what`: name of the command in messages."""
+        """`kind`: dataclass of the outcomes that the journal stores. `what`: name of the command in
+        messages."""
         self.known: dict[str, T] = {}
         self.kind, self.what = kind, what
         self.file: IO[bytes] | None = None
@@ -287,7 +288,7 @@ def run_chunk(
 
 @dataclass(frozen=True)
 class RunSite:
-    """Where runs are executed, and the folder that stores their results."""
+    """The choice of where runs are executed, and of the folder for their results."""
 
     out: Path | None  # folder for the results; None: nothing is written
     threads: int  # number of threads of this process

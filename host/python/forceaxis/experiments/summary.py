@@ -102,7 +102,7 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
             return "never in contact"
         when = "start of the window" if metrics.in_contact else "end"
         return f"not in contact at the {when}"
-    if value is None:  # only the limit settle_max_s has no value
+    if value is None:  # Only the limit settle_max_s can have no measured value.
         return "force not settled before the window"
     if limit in MISSED:
         held, reading = metrics.held_force, converters.get("adc0")
@@ -127,7 +127,8 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
 
 def reading_range(metrics: Metrics, reading: Converter) -> tuple[float, float]:
     """Returns the smallest and the largest force in N that a run could measure. If the sensor
-    saturates within the range of the converter, its last reading is the end of this range."""
+    saturates within the range of the converter, the reading at saturation is the end of the
+    measurable range."""
     low, high = reading.range
     end = metrics.reading_end_N
     return (max(low, end), high) if end < 0 else (low, min(high, end or high))
@@ -300,7 +301,7 @@ def why_text(outcome: str, phase: str, invalid_ticks: int) -> str:
 
 
 def cycle_rows(report: CycleReport) -> list[Row]:
-    """Returns the last cycle of a run as rows (key, text): the verdict of the part, and the figure
+    """Returns the last cycle of a run as rows (key, text): the verdict of the part, and the value
     of each evaluation element."""
     state = CYCLE_STATES.get(report.state, report.state)
     if report.failed_phase:

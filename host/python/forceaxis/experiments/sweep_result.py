@@ -66,8 +66,10 @@ class Boundary:
     parameter. Values are in the unit of this parameter."""
 
     row: Row
-    stable: float = math.nan  # last value at which the run is stable
-    unstable: float = math.nan  # nearest value beyond the boundary at which the run is not stable
+    # value next to the boundary; the run with this value is stable
+    stable: float = math.nan
+    # value next to the boundary; the run with this value is not stable
+    unstable: float = math.nan
     beyond: str = ""  # verdict of the run at `unstable`
     note: str = ""  # reason why there is no boundary
     error: str = ""  # error of the last failed run
@@ -201,7 +203,7 @@ class Bounces:
 
 
 def bounces(outcomes: Sequence[PointOutcome]) -> Bounces:
-    """Returns how many runs had contact, and how many of them lost it."""
+    """Returns how many runs had contact, and how many of these runs lost the contact."""
     touched = [one for one in outcomes if not one.error and one.first_contact_s is not None]
     runs, lost = len(touched), sum(bool(one.contact_losses_run) for one in touched)
     low = float(special.betaincinv(lost, runs - lost + 1, 0.025)) if lost else 0.0

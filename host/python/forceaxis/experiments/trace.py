@@ -1,4 +1,5 @@
-"""Plot and files of a run: the trace as CSV and NPZ, its events, its plot and its result."""
+"""Writes the files of a run: trace (CSV, NPZ), events, plot and result. Also draws the plot of a
+run."""
 
 import contextlib
 import csv

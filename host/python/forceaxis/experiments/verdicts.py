@@ -1,4 +1,5 @@
-"""The verdicts as texts. The file host/run/verdict.hpp defines the meaning of each verdict."""
+"""Texts for the verdicts of a run. The file host/run/verdict.hpp defines the meaning of each
+verdict."""
 
 STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")

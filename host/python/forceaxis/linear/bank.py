@@ -19,7 +19,7 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
-GAIN_STEP = 1 / 256  # smallest step of the objects `force_gain` and `velocity_gain`
+GAIN_STEP = 1 / 256  # resolution of the objects `force_gain` and `velocity_gain`
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
 # Largest gain at high frequency that the firmware accepts, in DAC codes per ADC code.
@@ -112,8 +112,8 @@ class Bank:
 
     def gain_at_rest(self) -> float:
         """Returns the gain of the filter bank for a constant force error, without its integral, in
-        DAC codes per 8-bit count. The gain is infinite if a section integrates, or if the sections
-        have the gain 0 at frequency 0 and so cancel the integral."""
+        DAC codes per 8-bit count. The result is infinite if a section integrates, or if the
+        sections have the gain 0 at frequency 0, which cancels the integral."""
         gain = self.force_gain
         for b0, b1, b2, a1, a2 in self.sections:
             above, below = b0 + b1 + b2, 1 + a1 + a2

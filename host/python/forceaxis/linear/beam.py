@@ -41,7 +41,7 @@ class Factored:
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
-            # Factors of zeros and of poles alternate, so that no intermediate product overflows.
+            # Zeros and poles are taken in turn, so that no intermediate product overflows.
             if zero is not None:
                 value = value * (1 - s / zero)
             if pole is not None:

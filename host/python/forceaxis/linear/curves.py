@@ -36,8 +36,8 @@ PARTS: dict[str, Callable[[Loop, float], System]] = {
 
 
 def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
-    """Returns the phase of a frequency response in degrees without jumps of 360 degrees. The slope
-    of the magnitude at the lowest frequency determines the phase at this frequency.
+    """Returns the phase of a frequency response in degrees without jumps of 360 degrees. The phase
+    at the lowest frequency is chosen to fit the slope of the magnitude there.
 
     A response with a constant magnitude at the lowest frequencies starts at 0 degrees, or at -180
     degrees if it is negative. A response with an integrator starts at -90 degrees. A response that

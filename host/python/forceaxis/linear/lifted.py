@@ -293,7 +293,7 @@ class _Period:
         return int(self.ticks / self.samples.every) if self.samples else 0
 
     def _compute(self, tick: int) -> None:
-        """Computes the law in one tick."""
+        """Computes the output and the states of the control law in one tick."""
         plant = self.plant
         reading = self._reading(tick)
         error = reading - self.rows[-1:]

@@ -245,8 +245,8 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
 
 
 def dead_law(loop: Loop, gain: float) -> str | None:
-    """Returns the reason why a force loop at a gain k gives no command for any force that the
-    sensor measures: the law rounds each command to 0. Returns None if it gives a command."""
+    """Returns a text if the control law at a gain k rounds its output to 0 for every force that the
+    sensor measures. Otherwise returns None."""
     force_gain = loop.optional_firmware_gain(gain)
     if not force_gain or loop.law not in ("p", "pi", "bank"):
         return None
@@ -294,7 +294,7 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
         )
     stable = loop.stable(gain)
-    # A settled signal has to stay within 2 % of its final value, so twice the duration is computed.
+    # A settled signal stays within 2 % of its final value. To see this, twice the time is computed.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None

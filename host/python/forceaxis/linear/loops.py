@@ -436,8 +436,8 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
 
 
 def _integrated(system: System, count: int, tick_s: float) -> System:
-    """Returns a continuous system with `count` additional states. They are the chained integrals of
-    the first output, with the tick as the unit of time."""
+    """Returns a continuous system with `count` additional states. These are the integral of the
+    first output, the integral of this integral, and so on, with the tick as the unit of time."""
     n = len(system.A)
     A, B = np.zeros((n + count, n + count)), np.zeros((n + count, 1))
     A[:n, :n], B[:n] = system.A, system.B

@@ -44,7 +44,7 @@ HALF_POWER = math.sqrt(0.5)
 # Number of random plants that are analysed in addition to nominal plants and corner plants.
 RANDOM_MEMBERS = 24
 SEARCH_STARTS = 2  # number of plants from which the search for the worst plant starts
-# First and last step of the search for the worst plant, relative to half of a parameter's range.
+# First and last step of the search for the worst plant, as fractions of half a parameter's range.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
 # Name of the element of a stepper motor whose states are the segments of its force.
@@ -533,9 +533,9 @@ def _holds(known: PlantFacts, state: str | None) -> bool:
 
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
-    """Returns True if a force law can work permanently with the element states `modes`. All
-    contacts of the model must be pressed, and no element may be saturated. A loop with a saturated
-    feedback inside the drive is stable at no gain."""
+    """Returns True if a force law can control the force permanently with the element states
+    `modes`. All contacts of the model must be pressed, and no element may be saturated. A loop with
+    a saturated feedback inside the drive is stable at no gain."""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
     if not _holds(known, modes.get(LOAD_ANGLE)):

@@ -1,5 +1,5 @@
-"""Force loops that compute several codes in the period after which their ticks repeat, and force
-loops whose force sensor samples with a clock of its own.
+"""Force loops that compute several DAC codes in the period after which their ticks repeat. Also
+force loops whose force sensor samples with its own clock.
 
 A loop with several codes in a period has no single curve of the loop gain. Its limits and margins
 follow from the eigenvalues of the lifted loop. The gain margin is the factor of all codes together
@@ -95,8 +95,8 @@ class PeriodicLoop(Loop):
 
     @cached_property
     def open(self) -> System:
-        """Raises InputError, because a loop with several codes in a period has no single loop
-        gain."""
+        """Raises InputError, because no single loop gain exists for a loop with several DAC codes
+        in a period."""
         raise _core.InputError(
             f"{self.model}: adc.sample_rate: expected a loop with one DAC code in each sampling "
             f"period of the ADC, got {self.whole.B.shape[1]} DAC codes, with which only the "
@@ -290,11 +290,11 @@ class PeriodicLoop(Loop):
 
 @dataclass
 class FreeLoop(Loop):
-    """The force loop of a sensor that samples with a clock of its own. `each`: loops with different
+    """The force loop of a sensor that samples with its own clock. `each`: loops with different
     phases between the samples and the ticks, in the order of Samples.phases(). Limits and margins
-    are the worst of these loops. The loop itself is the first of `each`, which has the oldest
-    readings. `between`: function that returns the loop with another phase, with the arguments of
-    Samples.within()."""
+    are the worst of these loops. All other results are those of the first loop of `each`, which has
+    the oldest readings. `between`: function that returns the loop with another phase, with the
+    arguments of Samples.within()."""
 
     each: tuple[Loop, ...] = ()
     between: Callable[[int, float], Loop] | None = None

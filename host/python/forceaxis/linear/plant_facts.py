@@ -54,8 +54,8 @@ class ContactFacts:
 
 
 class BusFacts(NamedTuple):
-    """The bus between firmware and drive, in ticks of 1/1500 s: period of the frames, delay from
-    the firmware to the drive, and delay from the encoder to the firmware."""
+    """The timing of the bus between firmware and drive, in ticks of 1/1500 s: period of the frames,
+    delay from the firmware to the drive, and delay from the encoder to the firmware."""
 
     cycle_ticks: int
     delay_ticks_out: int
@@ -98,7 +98,7 @@ class DriveFacts:
 
 
 class SamplingFacts(NamedTuple):
-    """The samples of a converter with a clock of its own: their rate in Hz, time in s from tick 0
+    """The sampling of a converter that has its own clock: their rate in Hz, time in s from tick 0
     to the first sample (None: not known), time in s from a sample to the firmware, and order of the
     converter's sinc filter (0: no filter)."""
 
@@ -109,9 +109,9 @@ class SamplingFacts(NamedTuple):
 
     def ages_s(self) -> tuple[float, float]:
         """Returns two times in s: the mean age of a reading, without the delay of the filter, and
-        the width of the range of ages. The youngest reading has the age of the latency. The oldest
-        one is older by one period of the samples. If the clock of the sensor drifts, all ages
-        between them are equally frequent."""
+        the width of the range of ages. The newest reading is as old as the latency. The oldest
+        reading is older by one sampling period. If the clock of the sensor drifts, all ages between
+        these two are equally frequent."""
         return self.latency_s + 0.5 / self.rate_hz, 1 / self.rate_hz
 
     def label(self) -> str:

@@ -390,8 +390,9 @@ def pole_zero(
 
 
 def frame(sizes: Numbers) -> float:
-    """Returns the half-width in 1/s of a plot of roots with the magnitudes `sizes`. A root is left
-    out if its magnitude is more than six times that of the next smaller root."""
+    """Returns the half-width in 1/s of a plot of roots with the magnitudes `sizes`. Roots beyond a
+    gap are outside the plot. A gap means that a magnitude is more than six times the next smaller
+    magnitude."""
     # Magnitudes that differ from 0 only by rounding errors are left out.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):

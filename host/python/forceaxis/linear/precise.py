@@ -57,8 +57,8 @@ class Figures:
     known_to: float | None = None
 
     def badness(self, name: str) -> float:
-        """Returns a number that is larger for a worse value of the bandwidth or margin `name`. The
-        number is infinity for an unstable loop."""
+        """Returns a number for the bandwidth or margin `name` that is larger for a worse value. For
+        an unstable loop, this number is infinite."""
         if not self.stable:
             return math.inf
         value = getattr(self, name)
@@ -130,7 +130,8 @@ class Responses:
 
     @cached_property
     def in_all_phases(self) -> "Responses":
-        """Frequency responses of the same plants with every analysed phase of the samples."""
+        """Frequency responses of the same plants, with one set of responses for each analysed phase
+        of the samples."""
         return Responses(self.plants, self.timings, True)
 
 

@@ -1,7 +1,7 @@
 """The plant of a model or an experiment, and the force loop that the firmware of an experiment
 closes. The analysis uses the experiment's model, its table [set], and the initial values of its
-table [firmware] as the firmware stores them: control law, filter bank, gain, latency. Later writes
-of the experiment ([[at]]) are ignored."""
+table [firmware] as the firmware stores them: control law, filter bank, gain, latency. Values that
+the experiment writes later, in its tables [[at]], are ignored."""
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -233,7 +233,7 @@ class Loop:
         the stability boundary, the derivative dG/dw, and the largest change of G by rounding of the
         matrix entries."""
         at = np.asarray(w, float)
-        # Only at w = 0 is the minimal system needed, because of poles at 0 that have no effect.
+        # Poles at 0 without effect matter only at w = 0. Only there is the minimal system used.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding

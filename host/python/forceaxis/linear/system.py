@@ -217,7 +217,7 @@ class System:
         return system
 
     def delayed(self) -> "System":
-        """Returns a sampled system whose inputs act one sample later than those of this system."""
+        """Returns this sampled system with an additional delay of one sample at its inputs."""
         n, m = self.B.shape
         A = np.zeros((n + m, n + m), self.A.dtype)
         A[:n, :n], A[:n, n:] = self.A, self.B

@@ -176,10 +176,10 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """Returns {friction: force in N}. The force is the largest one with which the drive can load
-    this friction while it sticks. The DAC is then at full scale, the drive is within its limits,
-    all other frictions slide, and contacts are pressed. The result is empty for a model without a
-    drive."""
+    """Returns {friction: force in N}. This force is the largest force with which the drive can load
+    the friction while it sticks. It is computed for the DAC at full scale within the limits of the
+    drive, with all other frictions sliding and all contacts pressed. The result is empty for a
+    model without a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
