@@ -45,7 +45,8 @@ class Checker {
     if (program_.zero_force) {
       check_shown(root_, "zero_force", code_.header.zero_level);
       if (code_.header.zero_level == 0)
-        root_.fail("zero_force", "expected at least 1/256 count of the axis; raise it");
+        root_.fail("zero_force",
+                   "expected a force of at least 1/256 force count of the axis; raise this force");
     }
     const std::size_t size = code_.header.compliance;
     if (size == 0) return;
@@ -82,8 +83,8 @@ class Checker {
                      std::int64_t limit, std::string_view limit_key) {
     if (value > limit)
       place.fail(key, "expected a value within " + std::string(limit_key) +
-                          " of the phase, which ends it before; lower the value or raise the "
-                          "limit");
+                          " of the phase, because this limit ends the phase before; lower the "
+                          "value or raise the limit");
   }
   std::int64_t limit_of(const cycle_phase_t &phase, std::string_view key) const {
     if (key == "force_max") return force_most(phase);
@@ -119,8 +120,8 @@ class Checker {
       const double at = target + (is_depth ? code_.header.zero_level : 0);
       if (at < scales_.position_least || at > scales_.position_most)
         place.fail(key,
-                   "expected a place within position_limit_min and position_limit_max of the "
-                   "axis; change it or these limits");
+                   "expected a target position within position_limit_min and position_limit_max "
+                   "of the axis; change the target or these limits");
     } else if (std::fabs(target) > scales_.span) {
       place.fail(key, "expected at most the travel between the soft limits of the axis, " +
                           sim::number_text(scales_.span / scales_.counts_per_m) +
@@ -176,9 +177,11 @@ class Checker {
 
   static void check_outputs(const cycle_phase_t &code, const CyclePlace &place) {
     if ((code.outputs_on & code.outputs_off) != 0)
-      place.fail("outputs_off", "expected no output that outputs_on has; remove it from one list");
+      place.fail("outputs_off",
+                 "expected no output that is also in outputs_on; remove it from one list");
     if (code.action == CYCLE_OUTPUT && (code.outputs_on | code.outputs_off) == 0)
-      place.fail("outputs_on", "expected this key or outputs_off for output; add one");
+      place.fail("outputs_on",
+                 "expected outputs_on or outputs_off for the action output; add one of these keys");
   }
 
   // Refuses a condition that can never be fulfilled, because of a limit of its phase or because of
@@ -202,18 +205,21 @@ class Checker {
     }
     if (!is_uncounted)
       place.fail("end",
-                 "expected a condition without a count, because the others end the phase a "
-                 "limited number of times; add one, or remove a count");
+                 "expected a condition without a count, because conditions with a count end "
+                 "the phase a limited number of times; add such a condition, or remove a count");
     if (phase.action == CYCLE_TARE && !is_reached)
-      place.fail("end",
-                 "expected a condition reached, which ends the phase with its offset; add "
-                 "it");
+      place.fail(
+          "end",
+          "expected a condition reached, because it ends the phase with the measured offset; "
+          "add this condition");
     if (is_reached) check_reached(phase, place);
   }
 
   void check_reached(const cycle_phase_t &phase, const CyclePlace &place) const {
     if (phase.action == CYCLE_WAIT)
-      place.fail("end", "expected no condition reached for wait, which has no target; use time");
+      place.fail("end",
+                 "expected no condition reached for wait, because wait has no target; use the "
+                 "condition time");
     if (phase.action == CYCLE_FOLLOW) {
       const std::string_view key = phase.over_travel != 0 ? "travel_max" : "time_max";
       within(place, "table_x", code_.points[phase.first + std::size_t{phase.points} - 1].x,
@@ -261,7 +267,7 @@ class Checker {
       const CyclePlace place = root_.at("phase", i);
       const std::string &name = program_.phases[i].name;
       if (!reached.contains(i))
-        place.fail("expected a phase that another one leads to, but nothing leads to " + name +
+        place.fail("expected a phase that another phase leads to, but nothing leads to " + name +
                    "; name it in `next` or `on_limit`, or remove it");
       if (reached_from(next_of(i, Ways::uncounted), Ways::uncounted).contains(i))
         place.fail("expected a cycle that ends, but " + name +
@@ -281,9 +287,10 @@ class Checker {
         time_most += code_.phases[phase].time_max;
       }
     if (most_q8 == 0)
-      place.fail("phases",
-                 "expected a phase that a good part passes, but only a limit that "
-                 "is exceeded leads to these; add a phase, or remove the element");
+      place.fail(
+          "phases",
+          "expected a phase that a good part passes, but the cycle reaches these phases only "
+          "after a limit is exceeded; add a phase, or remove the element");
     check_forces(place, element, most_q8);
     if (element.over_time != 0 && element.x_least > time_most)
       place.fail("from", "expected at most the time_max of the phases of the element, " +

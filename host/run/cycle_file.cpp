@@ -54,7 +54,7 @@ void expect_keys(Section &section, std::string_view key, std::span<const CycleKi
     for (const auto &keys : {split(row.needs), split(row.takes)})
       for (const std::string_view other : keys)
         if (section.has(other) && !has(needed, other) && !has(taken, other))
-          section.fail(other, "expected no such key for " + of + "; remove it");
+          section.fail(other, "expected no such key for " + of + "; remove this key");
   for (const std::string_view own : needed) (void)section.require(own, "this key for " + of);
 }
 
@@ -74,7 +74,7 @@ std::uint8_t codes_of(Section &section, std::string_view key, std::span<const Cy
 
 void CyclePhase::complete(Section &section, sim::Names &) {
   if (name == "end")
-    section.fail("name", "expected a name other than the reserved end; rename this phase");
+    section.fail("name", "expected a name other than end, which is reserved; rename this phase");
   if (ends.empty())
     section.fail("end", "expected a condition that ends the phase, got none; add [[phase.end]]");
   expect_at_most(section, "end", "conditions of a phase", ends.size(), CYCLE_CONDITIONS);
@@ -83,9 +83,10 @@ void CyclePhase::complete(Section &section, sim::Names &) {
   });
   if (is_used != stiffness_travel.has_value())
     section.fail("stiffness_travel",
-                 is_used ? "expected this key for a condition of stiffness; add it"
-                         : "expected no such key for a phase without a condition of stiffness; "
-                           "remove it");
+                 is_used
+                     ? "expected this key, because a condition of stiffness needs it; add this key"
+                     : "expected no such key for a phase without a condition of stiffness; "
+                       "remove this key");
 }
 
 sim::Quantity CycleElement::value() const {

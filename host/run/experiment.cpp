@@ -430,9 +430,10 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   sim::Source source{contents_->name, {}};
   Section root(source, table, "", kExperimentFormat);
   if (table.contains("body") && !table.contains("model"))
-    root.fail("body",
-              "expected an experiment, got a model; give an experiment on it, or use a command "
-              "that takes a model");
+    root.fail(
+        "body",
+        "expected an experiment, got a model; give an experiment with this model, or use a command "
+        "that takes a model");
   if (table.contains("output") && !table.contains("duration_s"))
     root.fail("output", "expected an experiment, got a measurement; use `measure_response`");
   root.finish();

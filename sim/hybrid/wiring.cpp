@@ -29,9 +29,11 @@ int Wiring::add_switch(std::string element, std::vector<std::string> names, bool
   int bits = 1;
   while ((std::size_t{1} << bits) < names.size()) ++bits;
   if (next_bit + bits > 64)
-    throw InputError(file, element,
-                     "expected switching elements (contacts, stops, frictions, piecewise-linear "
-                     "curves) of no more than 63 bits together, got more; remove some");
+    throw InputError(
+        file, element,
+        "expected switching elements (contacts, stops, frictions, piecewise-linear "
+        "curves) whose states need at most 63 bits together, got more; remove some of these "
+        "elements");
   switches.push_back({std::move(element), std::move(names), next_bit, (ModeKey{1} << bits) - 1,
                       of_drive, home, -1});
   next_bit += bits;

@@ -481,7 +481,7 @@ def test_a_depth_from_a_position_is_a_place_within_the_soft_limits(tmp_path):
     counts_per_m = 1e6
     place = int(0.015 * counts_per_m)
     inputs(tmp_path, text, EXPERIMENT + limits.format(place + 20000))
-    with pytest.raises(_core.InputError, match=r"phase\[2\]\.distance: expected a place within"):
+    with pytest.raises(_core.InputError, match=r"phase\[2\]\.distance: expected a target position"):
         inputs(tmp_path, text, EXPERIMENT + limits.format(place - 20))
 
 
