@@ -236,7 +236,7 @@ MISTAKES = [
     ('title = "A cycle"', 'title = "A cycle"\nbank_crc = "12"', "bank_crc", "8 hexadecimal digits"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "tuch"', "zero", "touch"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "force"', "zero_force", "add this key"),
-    ('title = "A cycle"', 'title = "A cycle"\nzero_force = 3', "zero_force", "remove it"),
+    ('title = "A cycle"', 'title = "A cycle"\nzero_force = 3', "zero_force", "remove this key"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "force"\nzero_force = "0 N"', "zero_force",
      "other than 0"),
     ('title = "A cycle"', 'title = "A cycle"\nzero = "force"\nzero_force = "9 MN"', "zero_force",
@@ -452,7 +452,7 @@ kind = "peak"
 phases = ["aside"]
 """
     text = PROGRAM.replace('on_limit = "back"', 'on_limit = "aside"', 1) + aside
-    with pytest.raises(_core.InputError, match=r"element\[4\]\.phases: .* only a limit"):
+    with pytest.raises(_core.InputError, match=r"element\[4\]\.phases: .* only after a limit"):
         inputs(tmp_path, text)
     inputs(tmp_path, text.replace('phases = ["aside"]', 'phases = ["aside", "press"]'))
 
