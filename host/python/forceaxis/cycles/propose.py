@@ -85,7 +85,7 @@ class Proposal:
     program: str  # path of the file to which the changed cycle program was written
     rate: float  # requested fraction of good parts that the changed program refuses
     parts: int  # number of good parts from which the bounds were computed
-    # number of good parts that other elements or limits refuse, whatever the proposed bounds are
+    # number of good parts that are refused for any bounds, because of other elements or limits
     refused_anyway: int
     expected: float  # expected fraction of later good parts that the changed program refuses
     # lower end of the 95 % range of the fraction of refused later good parts
@@ -130,8 +130,8 @@ def left_of(program: Program) -> list[LeftElement]:
 
 
 def refused_anyway(outcome: PartOutcome, moved: Sequence[int]) -> bool:
-    """Returns True if a part is refused whatever the bounds of the evaluation elements with the
-    indices `moved` are."""
+    """Returns True if a part is refused for any bounds of the evaluation elements with the indices
+    `moved`."""
     return not outcome.is_within_limits or any(
         verdict not in MEASURED if i in moved else verdict != GOOD
         for i, verdict in enumerate(outcome.verdicts)
