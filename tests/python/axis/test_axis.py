@@ -136,7 +136,7 @@ def test_what_the_axis_refuses_is_status_1():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected the address of one axis, as --on ADDRESS or in FORCEAXIS_AXIS, such as"),
+        ([], "expected the address of one axis, as --on ADDRESS or in the environment"),
         (["--on", "lcm:1", "--on", "can0"], "expected the address of one axis, as --on ADDRESS"),
         (["--on", "lcm"], "--on: lcm: expected an address with the number of an axis, such"),
         (["--on", "lcm:1", "--set", "a=1"], "--set: expected a simulated axis together with"),

@@ -134,8 +134,8 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """Return the columns with values of the table that `forceaxis loop advise` prints, as {index:
-    column}. The index is the place of the column in each list that _cells() returns."""
+    """Return those columns of the table of `forceaxis loop advise` that have values, as {index:
+    column}. The index is the position of the column in each list that _cells() returns."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),

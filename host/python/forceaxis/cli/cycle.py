@@ -122,7 +122,9 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
     except ValueError:
         value = -1.0
     if not 0 < value < 1:
-        raise InputError(f"--propose: {text}: expected a share of good parts, such as 1% or 0.01")
+        raise InputError(
+            f"--propose: {text}: expected the fraction of good parts to refuse, such as 1% or 0.01"
+        )
     return value
 
 

@@ -121,7 +121,7 @@ def element_cells(figure: ElementFigure) -> list[str]:
 
 
 def percent(share: Share) -> list[str]:
-    """Return a share and its confidence interval as cells of a table."""
+    """Return a proportion of parts and its confidence interval as two cells of a table."""
     if share.share is None:
         return ["-", "-"]
     return [f"{100 * share.share:.3g} %", f"{100 * share.low:.3g} to {100 * share.high:.3g} %"]

@@ -77,8 +77,8 @@ def incident(
     posterior: Path | None,
     as_json: bool,
 ) -> None:
-    """Explain why an axis has stopped with a fault: read the signals of the last second before the
-    error, which the axis has recorded, and describe in words what happened.
+    """Explain why an axis has stopped with a fault: read the signals that the axis has recorded in
+    the last second before the fault, and describe in words what happened.
 
     The axis keeps the first incident, even over a reset, until the incident is cleared or a
     recording is started. The first incident since power-up is also kept over a power cut, but at

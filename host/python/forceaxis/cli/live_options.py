@@ -54,8 +54,8 @@ STARTED = Kinds(
 
 class AxisAddress(click.ParamType[Address | InputError]):
     """Type of the option --on, the address of an axis. A shell can complete CAN interfaces, serial
-    devices and simulated axes. `keeps_wrong`: the value for a wrong address is its error, which
-    the command reports after it has used the other addresses."""
+    devices and simulated axes. `keeps_wrong`: True if a wrong address gives its InputError as the
+    value of the option. The command reports this error after it has used the other addresses."""
 
     name = "address"
 
@@ -152,10 +152,10 @@ class AxisConnection:
         return self.addresses[0]
 
     def chosen(self, is_bus: bool = False) -> AxisConnection:
-        """Return this connection. If the user gave no --on, and the environment variable
-        FORCEAXIS_AXIS exists, return a connection with the address in this variable, and print this
-        address. The user has not named the axis in this command, so the printed address always has
-        a number. `is_bus`: keep the address of the bus alone, without the number of an axis. Raises
+        """Return this connection. If the user gave no --on, but the environment variable
+        FORCEAXIS_AXIS has an address, return a connection with this address, and print the address.
+        The printed address has the number of the axis, so that the user sees which axis is used.
+        `is_bus`: True to use the address of the bus alone, without the number of an axis. Raises
         InputError."""
         text = os.environ.get(ENVIRONMENT)
         found = self
@@ -196,8 +196,9 @@ class AxisConnection:
         found = self.chosen()
         if len(found.addresses) != 1:
             raise InputError(
-                f"expected the address of one axis, as --on ADDRESS or in {ENVIRONMENT}, such as "
-                f"{addresses.examples(self.accepted.kinds)}, got {len(found.addresses) or 'none'}"
+                "expected the address of one axis, as --on ADDRESS or in the environment "
+                f"variable {ENVIRONMENT}, such as {addresses.examples(self.accepted.kinds)}, got "
+                f"{len(found.addresses) or 'no'} addresses"
             )
         if isinstance(found.address, LcmAddress) and found.address.number is None:
             raise InputError(

@@ -318,7 +318,7 @@ def _text(path: Path, where: str) -> str:
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise InputError(
-            f"{where}: line {line}: expected text, got a byte 0; the file is damaged or is no CSV "
-            "file"
+            f"{where}: line {line}: expected text, got a byte with the value 0; the file is "
+            "damaged or is no CSV file"
         )
     return text
