@@ -63,7 +63,8 @@ def test_aborted_parts_and_other_programs_do_not_count(done, wanted, tmp_path):
     found = teach.teach(RecordedParts("here", [*aborted, *parts, *others]), wanted, 0.01, file)
     assert found.parts == 599
     with pytest.raises(
-        InputError, match=r"here: expected parts that .* 50 parts of other programs"
+        InputError,
+        match=r"here: expected parts that .* 50 parts that were pressed with other programs",
     ):
         teach.teach(RecordedParts("here", others), wanted, 0.01, file)
 
