@@ -139,21 +139,21 @@ def test_what_responses_below_a_mode_leave_open_widens_the_set(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "factors, given, coherence, name",
+    "factors, given, error, name",
     [
-        ({"k_s": 2.5}, (), 0.99, "prior"),
-        ({"k_s": 1.2}, (), 0.99, None),
-        ({"k_w": 1.5}, ("k_w=400000+-10%",), 0.99, "prior"),
-        ({}, (), 0.85, "coherence"),
-        ({}, (), 0.91, None),
-        ({"k_back_emf": 12.0, "L": 4.0}, (), 0.99, "chi2"),
-        ({"k_back_emf": 1.1}, (), 0.99, None),
+        ({"k_s": 2.5}, (), 0.02, "prior"),
+        ({"k_s": 1.2}, (), 0.02, None),
+        ({"k_w": 1.5}, ("k_w=400000+-10%",), 0.02, "prior"),
+        ({}, (), 1.0, "coherence"),
+        ({}, (), 0.1, None),
+        ({"k_back_emf": 12.0, "L": 4.0}, (), 0.02, "chi2"),
+        ({"k_back_emf": 1.1}, (), 0.02, None),
     ],
 )
-def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, name):
+def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, error, name):
     truth = true_values(model, TRUTH | factors)
     priors = known.priors(model, OVER, given)
-    found = joint_fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
+    found = joint_fit.joint(model, priors, three(model, truth, error=error), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()
     assert (summary.set is None) == (summary.intervals is None) == (name is not None)

@@ -375,12 +375,12 @@ def test_an_axis_that_covers_its_travel_at_once_needs_a_larger_travel(tmp_path):
 
 
 def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkeypatch):
-    def moved(analyzer, code, travel):
+    def moved(analyzer, code, *_):
         if code < -8:
             raise friction._TooFast
-        return 50.0 * code
+        return friction._Motion(code, 50.0 * code, math.nan)
 
-    monkeypatch.setattr(friction, "_speed", moved)
+    monkeypatch.setattr(friction, "_motion", moved)
     with Axis(link(press)) as axis, Analyzer(axis, MeasuringOrder(travel=400)) as analyzer:
         found = friction.glide(analyzer, 200)
     assert found.rate == pytest.approx(50.0) and found.codes <= 8 and not found.rubs
@@ -395,12 +395,13 @@ def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkey
     ],
 )  # fmt: skip
 def test_speeds_that_show_no_friction_are_refused(press, monkeypatch, speed, text):
-    def moved(analyzer, code, travel):
+    def moved(analyzer, code, *_):
         if abs(code) > 20:
             raise friction._TooFast
-        return speed(code)
+        found = speed(code)
+        return None if found is None else friction._Motion(code, found, math.nan)
 
-    monkeypatch.setattr(friction, "_speed", moved)
+    monkeypatch.setattr(friction, "_motion", moved)
     with (
         Axis(link(press)) as axis, Analyzer(axis, MeasuringOrder(travel=400)) as analyzer,
         pytest.raises(Refusal, match=text),

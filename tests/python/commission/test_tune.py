@@ -414,7 +414,7 @@ REFUSED = {
     "scale": Case(("firmware.force_scale=1000000",)),
     "tare": Case(("firmware.force_tare=5.0",)),
     "moving": Case(plant="pushed"),
-    "dither": Case(plant="quiet"),
+    "dither": Case(plant="quiet", options={"--force": "4,8"}),
     "travel": Case(("L=0.158",)),  # ten times the model's: its speed swings
     "force_max": Case(plant="struck"),
     "ownership": Case(link=Lost),

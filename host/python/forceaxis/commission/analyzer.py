@@ -43,14 +43,16 @@ from forceaxis.objects import BY_NAME
 # Three signals of a recording: waveform of the excitation, DAC codes, and output signal.
 Record = tuple[Samples, Samples, Samples]
 
-SIGNALS_IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
-SIGNALS_APART = ("position", "dac_code", "force")
+# The object dac_fine is the DAC code with the fraction that an output of more than 12 bits has.
+SIGNALS_IN_CONTACT = ("force_raw", "dac_fine", "excitation_value")
+SIGNALS_APART = ("position", "dac_fine", "force")
 RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
 # Smallest permitted force in contact, divided by the bias force.
 FORCE_MIN_SHARE = 0.5
 # Distance of the force bounds from the expected force, divided by the bias force.
 FORCE_MARGIN_SHARE = 0.1
+DAC_BITS = 12  # resolution in bits at which the output has whole DAC codes
 RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
@@ -74,6 +76,7 @@ FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling
 SEARCH_SETTLE_SHARE = 0.5
 # Averaging may end when the median of the relative error over the frequencies is below this value.
 ERROR_ENOUGH = 0.04
+WINDOW_SHARE = 0.1  # permitted error of a position, divided by the permitted travel
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
 # Largest difference of two mean DAC codes at standstill, in standard deviations of a mean DAC code.
 CODE_NOISE = 5.0
@@ -112,6 +115,7 @@ class AnalyzedObjects:
     forces in 8-bit counts. `force_scale` is in uN per count, `rated_force` in mN."""
 
     adc_bits: int
+    dac_bits: int
     force_sign: int
     force_zero_code: int
     force_scale: float
@@ -123,6 +127,7 @@ class AnalyzedObjects:
     position: int
     position_min: int
     position_max: int
+    position_window: int
     output_limit: int
 
 
@@ -323,7 +328,7 @@ class Analyzer:
         still = self.axis.capture(SIGNALS_IN_CONTACT, samples=self.samples)
         level = Level(order.amplitude, bias, noise_of(still.values("force_raw")), of_loop=of_loop)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
-        rest = still.floats("dac_code"), self._force_counts(still)
+        rest = still.floats("dac_fine"), self._force_counts(still)
         self._measure(level, Excitation(self._pressed, FORCE, rest, order.swing * bias, seeds))
         self.release()
         return level
@@ -360,15 +365,15 @@ class Analyzer:
         self.set(
             position_min=max(start - travel, self.objects.position_min),
             position_max=min(start + travel, self.objects.position_max),
-            open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0,
-            excitation_hold=self._hold_ticks(),
+            position_window=self.window(), open_loop_code=0, excitation_waveform="noise",
+            excitation_amplitude=0, excitation_hold=self._hold_ticks(),
             excitation_period=self.samples, bump_decay_shift=0,
         )  # fmt: skip
         self.home = start
         self.axis.enable("profile position")
         still = self.axis.capture(SIGNALS_APART, samples=self.samples)
         level = Level(self.order.amplitude)
-        rest = still.floats("dac_code"), still.floats("position")
+        rest = still.floats("dac_fine"), still.floats("position")
         swing = min(FREE_SWING_CNT, travel / 2)
         try:
             seeds = response.calm_seeds(
@@ -481,7 +486,10 @@ class Analyzer:
         return records
 
     def _steps(self, output: OutputSignal) -> response.Steps:
-        return 1.0, (self.count_per_code if output is FORCE else 1.0)
+        code_step = 2.0 ** (DAC_BITS - self.objects.dac_bits)
+        # A bus holds each position for one cycle, and with it the rounding error of the position.
+        held_step = math.sqrt(self.bus.cycle_ticks)
+        return code_step, (self.count_per_code if output is FORCE else held_step)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
         """Searches the amplitude of the excitation. Returns it in DAC codes.
@@ -601,13 +609,13 @@ class Analyzer:
         passed, before, code = 0.0, None, 0.0
         while passed < timeout_s:
             self.axis.link.wait(0.2)
-            held = self.axis.capture(["force", "dac_code"], samples=TICKS_PER_S // 5)
+            held = self.axis.capture(["force", "dac_fine"], samples=TICKS_PER_S // 5)
             passed += 0.4
             state = self.axis.record(PressedObjects)
             _expect_enabled(state)
             now = float(np.mean(held.values("force"))) * self.newton
             near = before is not None and abs(now - before) < 0.01 * abs(now) + 0.5 * self.newton
-            codes = held.values("dac_code")
+            codes = held.values("dac_fine")
             was, code = code, float(np.mean(codes))
             noise = CODE_NOISE * float(np.std(codes)) / math.sqrt(len(codes))
             if state.contact and near and abs(code - was) < max(1.0, 0.02 * abs(code), noise):
@@ -643,7 +651,7 @@ class Analyzer:
         settle_s = RAMP_S + settle * self.order.settle_s
         over_bus = () if self.bus.is_immediate else ("position",)
         held = self.excited(SIGNALS_IN_CONTACT + over_bus, self.samples, settle_s)
-        wave, code = held.floats("excitation_value"), held.floats("dac_code")
+        wave, code = held.floats("excitation_value"), held.floats("dac_fine")
         if over_bus:
             places = held.floats("position")
             wave, code = self._sent(wave, places), self._sent(code, places)
@@ -708,7 +716,7 @@ class Analyzer:
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._expect_free()
         axis.set(modes_of_operation=1)
-        place, u = held.floats("position"), held.floats("dac_code")
+        place, u = held.floats("position"), held.floats("dac_fine")
         if np.any(u[n:] != u[: count - n]):
             raise Ended("ended_travel")
         self.expect_apart(held)
@@ -740,6 +748,12 @@ class Analyzer:
             "expected an axis out of contact, but the axis touched the workpiece; start further "
             "away",
         )
+
+    def window(self) -> int:
+        """Returns the value of `position_window` for the moves of a measurement, in encoder counts.
+        A position law without integral action stops beside its target if the axis has dry friction
+        or a weight."""
+        return max(self.objects.position_window, round(WINDOW_SHARE * self.order.travel))
 
     def go_home(self) -> None:
         """Moves the axis back to the position at which the measurement began."""

@@ -184,6 +184,7 @@ class Touching(Analyzer):
         """Moves the axis back until it is out of contact. The distance is at most the permitted
         travel."""
         axis, travel = self.axis, self.order.travel
+        self.set(position_window=self.window())
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
             if axis.number("force") < self.objects.contact_force / 2:

@@ -2,11 +2,14 @@
 
 glide() moves the axis out of contact with constant DAC codes in both directions. The speed is
 proportional to the code minus a dead zone. This dead zone is the friction of guide and gear in DAC
-codes. record_slow_change() presses, and changes the force slowly from the smallest to the largest
-force and back. The position then shows the compliance between these forces. If the position at a
-rising force differs from that at a falling force, there is friction between the workpiece and its
-table. directions() compares the DAC codes at a rising and at a falling force, at the same measured
-force. Their difference is due to the friction of guide and gear in contact.
+codes. A drive with an integral has no dead zone, but its current shows the friction: the force of
+the drive differs between the two directions by twice the friction.
+
+record_slow_change() presses, and changes the force slowly from the smallest to the largest force
+and back. The position then shows the compliance between these forces. If the position at a rising
+force differs from that at a falling force, there is friction between the workpiece and its table.
+directions() compares the DAC codes at a rising and at a falling force, at the same measured force.
+Their difference is due to the friction of guide and gear in contact.
 
 If the axis moves with a random speed of standard deviation s, Coulomb friction of F newtons acts
 like a damper with the damping sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde,
@@ -17,13 +20,14 @@ large amplitude. A measured response is therefore valid only for its own amplitu
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.commission.analyzer import Analyzer
+from forceaxis.commission.known import KnownDrive
 from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
@@ -33,6 +37,7 @@ TRAVEL_SHARE = 0.85  # fraction of the permitted travel that the motion uses in 
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.06, 0.05
 # DAC code of the slower motion, divided by the DAC code of the faster motion.
 SMALLER_CODE_SHARE = 0.6
+MOTIONS = 4  # number of motions with which friction and viscous damping are told apart
 # if the DAC code of the faster motion is not above this value, there is no slower motion
 SMALLEST_CODE = 2
 # A DAC code is large enough if the axis would move by this many times the travel in one recording.
@@ -83,12 +88,19 @@ FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 class Glide:
     """Friction of the axis out of contact. It has the dead zone in DAC codes, and the difference
     between the two directions of motion in DAC codes. `rate` is the speed in counts/s for each DAC
-    code beyond the dead zone."""
+    code beyond the dead zone.
+
+    `moving_N`: friction of guide and gear in N. `bias_N`: force in N that pulls the axis in the
+    negative direction in both directions of motion, such as a weight. Both are computed from the
+    current of the drive. They are None if the current is not measured.
+    """
 
     dead_zone: float
     difference: float
     rate: float
     codes: int  #: largest DAC code of the motions
+    moving_N: float | None = None
+    bias_N: float | None = None
 
     @property
     def rubs(self) -> bool:
@@ -190,6 +202,19 @@ class MovingObjects:
     contact: int
 
 
+UNKNOWN_DRIVE = KnownDrive()
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A motion out of contact: its DAC code, its speed in counts/s, and the force of the drive in
+    N, which is NaN if the current of the drive is not measured."""
+
+    code: int
+    speed: float
+    force_N: float
+
+
 class _TooFast(Exception):
     """Exception: with this DAC code, the axis is so fast that its speed cannot be measured within
     the travel."""
@@ -216,14 +241,14 @@ def glide(
     say: Callable[[str], None] = lambda text: None,
     first: int = SMALLEST_CODE,
     highest: int = 0,
-    newton: float = 0.0,
+    drive: KnownDrive = UNKNOWN_DRIVE,
 ) -> Glide:
     """Measures the friction out of contact.
 
     The axis of the Analyzer must be owned by this program, disabled and at rest. At the end, it is
     disabled at its start position. `most`: largest DAC code for an axis that slides. `first`: DAC
     code of the first motion. `highest`: largest DAC code for an axis that does not slide yet, by
-    default 16 times `most`. `newton`: force in N per DAC code, or 0 if it is unknown.
+    default 16 times `most`. `drive`: what the model tells of the drive.
 
     The DAC code is increased until the axis slides through the travel. If the axis is too fast in
     one direction, the code is decreased. Raises Refusal in these cases: the axis is too fast with
@@ -240,7 +265,8 @@ def glide(
             f"{high}: move the axis away from the nearer bound"
         )  # fmt: skip
     analyzer.set(
-        position_min=start - travel, position_max=start + travel, open_loop_code=0,
+        position_min=start - travel, position_max=start + travel,
+        position_window=analyzer.window(), open_loop_code=0,
         excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
@@ -248,19 +274,22 @@ def glide(
     highest = max(SMALLEST_CODE, highest or min(16 * most, 2048))
     code = max(SMALLEST_CODE, first)
     too_fast = 0  # last DAC code with which the axis was too fast
+
+    def move(code: int) -> _Motion | None:
+        return _motion(analyzer, code, travel, drive)
+
     try:
         while True:
             try:
-                forward = _speed(analyzer, code, travel)
+                forward = move(code)
                 if forward is not None and (
                     too_fast
                     or code >= min(most, highest)
-                    or abs(forward) * GLIDE_S > ENOUGH_TRAVELS * travel
+                    or abs(forward.speed) * GLIDE_S > ENOUGH_TRAVELS * travel
                 ):
                     smaller = math.floor(SMALLER_CODE_SHARE * code)
-                    rows = [(code, forward)]
-                    rows += [(c, speed) for c in (-code, smaller, -smaller)
-                             if (speed := _speed(analyzer, c, travel)) is not None]  # fmt: skip
+                    others = [move(c) for c in (-code, smaller, -smaller)]
+                    rows = [forward, *(one for one in others if one is not None)]
                     break
             except _TooFast:
                 if code == SMALLEST_CODE:
@@ -278,7 +307,8 @@ def glide(
                     f"speed to be measured, and at {code} it does not slide: give a larger travel"
                 )  # fmt: skip
             if forward is None and code >= highest:
-                held = f", {newton * code:.3g} N by the model" if newton else ""
+                newton = drive.newton_per_code * code
+                held = f", {newton:.3g} N by the model" if newton else ""
                 raise Refusal(
                     "friction",
                     "expected an axis that slides while out of contact, but the axis does not "
@@ -289,26 +319,51 @@ def glide(
         analyzer.go_home()
     finally:
         analyzer.close()
-    found = _of_speeds(rows)
-    say(f"{found.codes} codes out of contact: a dead zone of {found.dead_zone:.2g} codes")
+    found = _of_motions(rows)
+    text = f"{found.codes} codes out of contact: a dead zone of {found.dead_zone:.2g} codes"
+    if drive.current and len(rows) == MOTIONS:
+        found = _with_forces(
+            found, rows, drive.newton_per_code, drive.current.newton_per_code
+        )  # fmt: skip
+        if found.moving_N is not None:
+            text += f", a force of {found.moving_N:.2g} N against the motion"
+    say(text)
     return found
 
 
-def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
-    """Computes the friction from several motions. `rows` has a pair (DAC code, speed in counts/s)
-    for each motion, and the first motion has the largest code. Raises Refusal."""
-    (code, forward), smaller = rows[0], math.floor(SMALLER_CODE_SHARE * rows[0][0])
-    if len(rows) < 4:
+def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N: float) -> Glide:
+    """Returns the result with the friction that the forces of the drive show. `newton`: force in N
+    per DAC code. `resolution_N`: force of one ADC code of the current; a smaller friction is not
+    regarded as measured. The dead zone becomes that of the friction at `newton`, if this is
+    larger."""
+    speeds, forces = (np.array(values) for values in zip(*((r.speed, r.force_N) for r in rows),
+                                                         strict=True))  # fmt: skip
+    table = np.column_stack([speeds, np.sign(speeds), np.ones(len(rows))])
+    _, friction_N, bias_N = np.linalg.lstsq(table, forces, rcond=None)[0]
+    friction_N = float(friction_N)
+    if friction_N < abs(resolution_N):
+        return found
+    dead_zone = max(found.dead_zone, friction_N / newton if newton else 0.0)
+    return replace(found, dead_zone=dead_zone, moving_N=friction_N, bias_N=float(bias_N))
+
+
+def _of_motions(rows: list[_Motion]) -> Glide:
+    """Computes the friction from the speeds of several motions. The first motion has the largest
+    DAC code. Raises Refusal."""
+    code, forward = rows[0].code, rows[0].speed
+    smaller = math.floor(SMALLER_CODE_SHARE * code)
+    if len(rows) < MOTIONS:
         # The smaller DAC code is within the dead zone, so it is taken as the dead zone.
         width, shift, rate = float(smaller), 0.0, forward / (code - smaller)
     else:
-        codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
+        codes = np.array([one.code for one in rows], float)
+        speeds = np.array([one.speed for one in rows])
         table = np.column_stack([codes, -np.sign(codes), -np.ones(len(codes))])
         rate, width, shift = np.linalg.lstsq(table, speeds, rcond=None)[0]
         if rate > 0:
             width, shift = width / rate, shift / rate
     if not rate > 0:
-        at = ", ".join(f"{speed:.3g} counts/s at {c} codes" for c, speed in rows)
+        at = ", ".join(f"{one.speed:.3g} counts/s at {one.code} codes" for one in rows)
         raise Refusal(
             "friction", f"expected a speed of the axis that grows with the DAC code, got {at}: "
             "check the sign "
@@ -317,21 +372,28 @@ def _of_speeds(rows: list[tuple[int, float]]) -> Glide:
     return Glide(float(width), float(shift), float(rate), code)
 
 
-def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
+def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _Motion | None:
     """Moves the axis with a constant DAC code from one end of the travel toward the other end.
-    Returns the speed in counts/s, or None if the axis does not move."""
+    Returns None if the axis does not move."""
+    current = drive.current
     axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
     analyzer.wait(0.1)
     analyzer.set(open_loop_code=code)
     axis.enable("excitation")
-    axis.arm(("position", "force"), round(GLIDE_S * TICKS_PER_S))
+    signals = ("position", "force", *(("current_raw",) if current else ()))
+    axis.arm(signals, round(GLIDE_S * TICKS_PER_S))
     for _ in range(round(GLIDE_S / POSITION_POLL_S) + 1):
         analyzer.wait(POSITION_POLL_S)
         state = axis.record(MovingObjects)
         if abs(state.position - analyzer.home) > TRAVELS_MAX * travel:
             axis.disable()
+            # The axis stops only after the time between two reads and the delays of its bus.
+            late = drive.rate * abs(code) * (2 * POSITION_POLL_S + sum(analyzer.bus) / TICKS_PER_S)
+            axis.link.recording(5.0)  # ends the recording, so that the next one can be armed
+            if abs(state.position - analyzer.home) <= TRAVELS_MAX * travel + late:
+                raise _TooFast
             raise Refusal(
                 "travel", f"expected the axis to stay within {travel} counts of the start "
                 f"position at {code} DAC codes, but the axis moves further: the speed does not "
@@ -352,7 +414,11 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
     if abs(place[last - 1] - place[first]) < MOTION_MIN_CNT:
         return None
     time_s = np.arange(first, last) / TICKS_PER_S
-    return float(np.polyfit(time_s, place[first:last], 1)[0])
+    force_N = math.nan
+    if current:
+        raw = float(np.mean(held.floats("current_raw")[first:last]))
+        force_N = (raw - current.zero_code) * current.newton_per_code
+    return _Motion(code, float(np.polyfit(time_s, place[first:last], 1)[0]), force_N)
 
 
 def record_slow_change(
@@ -386,12 +452,12 @@ def record_slow_change(
 
     legs = []
     for force in (high_N, low_N):
-        axis.arm(("force", "position", "dac_code"), LEG_SAMPLES, decimation=DECIMATION)
+        axis.arm(("force", "position", "dac_fine"), LEG_SAMPLES, decimation=DECIMATION)
         analyzer.set(target_force=analyzer.per_mille(target * force))
         analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, expect_near)
         held = axis.link.recording(10.0)
         forces = held.floats("force") * analyzer.newton
-        legs.append((forces, held.floats("position"), held.floats("dac_code")))
+        legs.append((forces, held.floats("position"), held.floats("dac_fine")))
     axis.set(recorder_decimation=1)
     pushed, went, put = (np.concatenate(parts) for parts in zip(*legs, strict=True))
     analyzer.release()

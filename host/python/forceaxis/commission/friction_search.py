@@ -20,7 +20,7 @@ from forceaxis.commission.refusal import Refusal
 # The slow change of the force starts at the smallest force of the responses, times this factor.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # Relative force error that is permitted, because friction may stop an axis without integral action.
-FORCE_TOLERANCE = 0.2
+FORCE_TOLERANCE = 0.3
 LEFT_SAMPLES = 750  # number of samples of a recording, which lasts half a second
 # Names of the Refusals after which the measurement continues without the slow change of the force.
 SKIPPING_REFUSALS = ("bias", "travel", "contact")
@@ -74,9 +74,10 @@ class FrictionSearch:
         if not (facts and facts.drive and facts.reading and facts.encoder):
             # This model does not define the size of a DAC code, so it cannot be used.
             self.model = ""
-        self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
-        if not math.isfinite(self.newton):
-            self.newton = 0.0
+        self.drive = friction.UNKNOWN_DRIVE
+        if self.model:
+            self.drive = known.drive(model, self.order.band_hz, self.overrides)
+        self.newton = self.drive.newton_per_code
 
     def apart(self) -> FoundFriction:
         """Searches for friction before the response out of contact is measured. The result is
@@ -86,7 +87,7 @@ class FrictionSearch:
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
             glide = friction.glide(
-                self.analyzer, most, self.analyzer.say, highest=most, newton=self.newton
+                self.analyzer, most, self.analyzer.say, highest=most, drive=self.drive
             )
         except Refusal as refusal:
             if refusal.name != "friction" or not own:
@@ -132,6 +133,8 @@ class FrictionSearch:
 
     def _found(self, found: FoundFriction) -> FoundFriction:
         moving = found.dead_zone * self.newton if self.newton else None
+        if found.glide is not None and found.glide.moving_N is not None:
+            moving = found.glide.moving_N if found.glide.rubs else 0.0
         table = found.slow.friction_N if found.slow is not None else None
         lines = ""
         if self.model and found.rubs:

@@ -32,7 +32,7 @@ from forceaxis.commission.known import Prior
 from forceaxis.design import sets
 from forceaxis.identify.distributions import chi_square_bound, chi_square_tail, normal_bound
 from forceaxis.identify.fit import REJECTED_BELOW
-from forceaxis.identify.measurement import COHERENT, CONFIDENCE, Measurement
+from forceaxis.identify.measurement import CONFIDENCE, Measurement
 from forceaxis.linear import loops, plant_set
 from forceaxis.linear.over import LOAD_ANGLE
 from forceaxis.words import option_words
@@ -53,6 +53,8 @@ GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
 # A frequency is near the limiting mode if their logarithms differ by less than this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
+# Largest relative standard error of a response near the limiting mode.
+LIMITING_MODE_ERROR_MAX = 0.2
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
@@ -599,16 +601,25 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:
-            near = abs(np.log(m.frequency_hz / found.limiting_hz)) < LIMITING_MODE_WIDTH_LOG
-            best = float(m.coherence[near].max()) if near.any() else 0.0
-            if not m.free and best < COHERENT:
+            error = _error_near(m, found.limiting_hz)
+            if not m.free and error > LIMITING_MODE_ERROR_MAX:
                 found.rejected = "coherence"
                 found.text = (
-                    f"expected a coherence of {COHERENT:g} or more at the limiting mode of "
-                    f"{found.limiting_hz:.3g} Hz, got {best:.2g}: measure with a larger force or "
-                    "a wider band"
+                    f"expected a response that is known to {100 * LIMITING_MODE_ERROR_MAX:g} % at "
+                    f"the limiting mode of {found.limiting_hz:.3g} Hz, got {100 * error:.2g} %: "
+                    "measure with a larger force, more averages or a wider band"
                 )
                 return
+
+
+def _error_near(measured: Measurement, hz: float) -> float:
+    """Returns the relative standard error of a response in a narrow band around a frequency. The
+    error is infinite if the response has no spectral line in the band."""
+    near = abs(np.log(measured.frequency_hz / hz)) < LIMITING_MODE_WIDTH_LOG
+    if not near.any():
+        return math.inf
+    power = np.sum(abs(measured.response[near]) ** 2)
+    return float(math.sqrt(np.sum(measured.variance[near]) / near.sum() / power))
 
 
 def _ratios(

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +17,27 @@ from forceaxis.linear import plant_set, posterior, working
 from forceaxis.linear.posterior import Posterior
 
 # Prior standard deviations of the logarithms of masses, drive constants and stiffnesses.
-MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
+MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.1, 0.1, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
+# {key of the table [drive]: prior standard deviation of the logarithm of its value}. A data sheet
+# states constants of the motor and scales of the command. The bandwidth of a loop depends on how
+# the drive was set up and on the load, so it is known less accurately.
+DRIVE_SPREADS = {
+    **dict.fromkeys(
+        ("k_torque", "k_force", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp",
+         "current_per_volt", "velocity_per_volt", "force_per_volt"), DRIVE_SPREAD,
+    ),
+    **dict.fromkeys(
+        ("bandwidth", "k_velocity", "integral_time", "damping_ratio", "tuned_mass",
+         "tuned_inertia", "k_act", "a_act", "holding_force"), 0.2,
+    ),
+    "current_bandwidth": 0.3, "damping": 0.3,
+}  # fmt: skip
 # Smallest standard deviation of a prior that was read from a posterior.
 # The prior must not be narrower, because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
+# A drive has an integral if its force for the same DAC code is this many times larger at STEADY_HZ.
+INTEGRAL_RATIO = 10.0
 # Time step in s of a step response, and its number of time steps.
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
@@ -76,9 +93,8 @@ def priors(
         is_support = link not in tables.contacts and workpiece in link.between
         add(link.stiffness, WORKPIECE_SPREAD if is_support else STIFFNESS_SPREAD)
         add(link.damping, WORKPIECE_SPREAD if is_support else DAMPING_SPREAD)
-    for constant in (drive.k_torque, drive.k_preamp_cmd, drive.k_preamp_fdbk, drive.a_preamp_fdbk,
-                     drive.k_amp):  # fmt: skip
-        add(constant, DRIVE_SPREAD)
+    for key, spread in DRIVE_SPREADS.items():
+        add(getattr(drive, key), spread)
     texts = [part for text in over for part in text.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]
     for name in plant_set.ranges_of(model, [t for t in texts if t not in files], overrides):
@@ -150,15 +166,78 @@ def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -
     return max(1, int(min(found))) if found else math.inf
 
 
-def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Returns the force of the drive at standstill in N per DAC code. Returns infinity for an
-    integrating drive."""
+def newton_per_code(
+    model: str | Path, overrides: linear.Overrides | None = None, hz: float = STEADY_HZ
+) -> float:
+    """Returns the force of the drive in N per DAC code at the frequency `hz`, while the body of the
+    drive is held at standstill. At a low frequency, the force of a drive with an integral is
+    large."""
     facts = linear.facts(model, overrides)
-    plant = linear.linearise(
-        str(model), outputs=(facts.required_reading.signal,), overrides=overrides
+    # The body stays at standstill if an additional force balances the force of the command.
+    inputs, outputs = ("drive.command", "drive.force"), (f"{facts.required_drive.body}.velocity",)
+    plant = linear.linearise(str(model), inputs, outputs, overrides, free=True)
+    of_command, of_force = plant.at(2j * math.pi * hz).ravel()
+    return float(abs(of_command / of_force)) * facts.volts_per_code
+
+
+def has_integral(
+    model: str | Path, band_hz: tuple[float, float], overrides: linear.Overrides | None = None
+) -> bool:
+    """Returns True if the force of the drive at a constant DAC code grows with time, as that of a
+    drive with an integral. `band_hz`: frequency band of the measured responses."""
+    middle = newton_per_code(model, overrides, math.sqrt(math.prod(band_hz)))
+    return newton_per_code(model, overrides) > INTEGRAL_RATIO * middle
+
+
+class CurrentSensor(NamedTuple):
+    """The measured current of a drive: its ADC code without current, and the force of the drive in
+    N that one ADC code means."""
+
+    zero_code: float
+    newton_per_code: float
+
+
+def current_sensor(
+    model: str | Path, overrides: linear.Overrides | None = None
+) -> CurrentSensor | None:
+    """Returns how the measured current of a model shows the force of its drive. Returns None if the
+    model has no ADC for the current, or a drive without a current."""
+    facts, adc = linear.facts(model, overrides), model_file.read(model).current_adc
+    values = facts.required_drive.values
+    if adc is None:
+        return None
+    newton_per_amp = values.get("k_force")
+    if newton_per_amp is None and "k_torque" in values:
+        newton_per_amp = values["k_torque"] / values["r_trans"]
+    amp_per_code = working.number(adc.per_count, facts.parameters)
+    zero_code = working.number(adc.zero_code, facts.parameters)
+    if newton_per_amp is None or not amp_per_code or zero_code is None:
+        return None
+    return CurrentSensor(zero_code, newton_per_amp * amp_per_code)
+
+
+@dataclass(frozen=True)
+class KnownDrive:
+    """What the model tells of a drive: its force in N per DAC code in the frequency band of the
+    responses, its speed out of contact in counts/s per DAC code, and its measured current. The
+    numbers are 0, and the current is None, if they are not known."""
+
+    newton_per_code: float = 0.0
+    rate: float = 0.0
+    current: CurrentSensor | None = None
+
+
+def drive(
+    model: str | Path, band_hz: tuple[float, float], overrides: linear.Overrides | None = None
+) -> KnownDrive:
+    """Returns what a model tells of its drive. The current is used only for a drive with an
+    integral, because the resolution of a DAC code is finer than that of a current."""
+    integral = has_integral(model, band_hz, overrides)
+    return KnownDrive(
+        newton_per_code(model, overrides, math.sqrt(math.prod(band_hz))),
+        abs(code_rate(model, overrides)),
+        current_sensor(model, overrides) if integral else None,
     )
-    static = abs(plant.at(0.0).item()) if np.linalg.cond(plant.A) < 1e15 else math.inf
-    return static * facts.volts_per_code
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -20,7 +20,7 @@ from forceaxis.commission.level import Samples
 
 RECORD_SAMPLES = 750
 SETTLE_S = 0.3
-SIGNALS = ("force_raw", "position", "dac_code")
+SIGNALS = ("force_raw", "position")
 # Number of frequencies, and smallest number of frequencies at which the workpiece must slide.
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # SLIDES: sufficient displacement of the workpiece.

@@ -92,8 +92,9 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
-# if |S| is certain at no frequency, the number of averages is multiplied by this factor
-AVERAGES_FACTOR = 4
+# If |S| is certain at no frequency, the response is measured again with more averages.
+# These are the factors of the number of averages, in the order in which they are tried.
+AVERAGES_FACTORS = (1, 4, 16)
 # Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
 # Highest frequency at which |S| is verified, divided by the bandwidth fT.
@@ -102,6 +103,9 @@ BAND_MAX_HZ = 400.0
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
+# Smallest change of the force by the excitation, in ADC codes, if the measured force has no noise.
+ROUNDED_CODES_MIN = 16
+ROUNDING_LSB = 0.29  # rms error of rounding in codes
 # Permitted peak force in N that the momentum of the axis alone causes at a first contact.
 IMPACT_PEAK_N = 10.0
 # A text names the limiting bound if the bandwidth is below this factor times that of the P law.
@@ -136,7 +140,7 @@ def check(tuning: TuningFolder) -> Checked:
     settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)
     settings |= _approach_settings(tuning, held, facts)
     rest = analyzer_of(tuning).rest()
-    _expect_noise(rest)
+    _expect_noise(tuning, rest, facts)
     settings |= _contact_settings(held, rest)
     if text := working.working(model, None, tuning.states).text:
         tuning.say(f"mode         {text}")
@@ -231,15 +235,20 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
     return {"approach_velocity_max": slow}
 
 
-def _expect_noise(rest: Rest) -> None:
-    """Raises Refusal if the measured force has so little noise that the rounding to ADC codes hides
-    the response."""
-    if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
+def _expect_noise(tuning: TuningFolder, rest: Rest, facts: PlantFacts) -> None:
+    """Raises Refusal if the rounding to ADC codes hides the response. The error of rounding is like
+    noise if the measured force has noise, or if the excitation changes it by many codes."""
+    reading = facts.required_reading
+    newton_per_code = abs(reading.per_count) * 2.0 ** (8 - reading.bits)
+    least_N = ROUNDED_CODES_MIN * newton_per_code / analyzer.SWING
+    quiet = rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB
+    if quiet and min(tuning.order.forces) < least_N:
         raise Refusal(
-            "dither", f"expected a measurement noise of at least {analyzer.QUIET_LSB:g} ADC codes "
-            f"rms at rest, got {rest.noise_lsb:.2g}: without noise, the rounding to ADC codes "
-            "hides the response; use an ADC with more bits, or less filtering; for a simulated "
-            "axis, state the noise in [[adc]] of the model (sensor_noise_n of the data sheet)"
+            "dither", f"expected a noise of at least {analyzer.QUIET_LSB:g} ADC codes rms at rest, "
+            f"or a smallest force of at least {least_N:.3g} N, so that the excitation changes the "
+            f"force by {ROUNDED_CODES_MIN} codes, got {rest.noise_lsb:.2g} codes and "
+            f"{min(tuning.order.forces):g} N: the rounding to ADC codes hides the response; give "
+            "larger forces, or use an ADC with more bits"
         )  # fmt: skip
 
 
@@ -387,9 +396,9 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
     The bound in the firmware assumes a noise of one ADC code. In addition, the noise at the output
     of the force law must be so small that the drive stays linear.
     """
-    noise = checked.rest.noise_lsb
-    if noise is None:
+    if checked.rest.noise_lsb is None:
         return None
+    noise = max(checked.rest.noise_lsb, ROUNDING_LSB)
     bits = linear.facts(tuning.model).required_reading.bits
     most = hf_most(bits)
     # Rms value of uniform noise with the largest amplitude at which the drive stays linear.
@@ -516,7 +525,7 @@ def _verified(
         return level
 
     rubs = bool(fitted_axis.fitted.friction)
-    for factor in (1, AVERAGES_FACTOR):  # a response with a small amplitude needs more averages
+    for factor in AVERAGES_FACTORS:  # a response with a small amplitude needs more averages
         used = replace(order, averages=factor * order.averages)
         asked = measuring_order(tuning, used, first=first, rubs=rubs)
         level, figures = take_response(

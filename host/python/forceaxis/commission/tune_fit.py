@@ -1,7 +1,7 @@
 """The step `fit` of a tuning. It fits the parameters of the model and the dry friction."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,13 +48,19 @@ Frictions = tuple[friction_models.FrictionElement, ...]
 # Prior standard deviation of the logarithm of the damping that replaces friction.
 # SLIDING_SPREAD applies to an axis that slides.
 # STICKING_SPREAD applies to an axis that sometimes sticks.
-SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
+# HIDDEN_SPREAD applies to friction that the motion out of contact does not show.
+SLIDING_SPREAD, STICKING_SPREAD, HIDDEN_SPREAD = 0.9, 2.0, 2.0
+# First value of a hidden friction, divided by the smallest force of the responses.
+HIDDEN_SHARE = 0.05
 # Damping in N s/m that replaces the friction of a workpiece that does not slide.
 STUCK_DAMPING = 1e6
 # Relative error of a response that is fitted with a damper in place of friction.
 # SLIDING_ERROR applies to an axis that slides.
 # STICKING_ERROR applies to an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
+# x is the friction of guide and gear divided by the rms force of the excitation. The relative error
+# of a response is RUBBING_ERROR x (1 + (x / RUBBING_RATIO)^2), at most RUBBING_ERROR_MAX.
+RUBBING_ERROR, RUBBING_RATIO, RUBBING_ERROR_MAX = 0.3, 0.4, 2.0
 # Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 # relative error of a stiffness that is computed from the travel between two forces
@@ -75,25 +81,75 @@ DIFFERENCE_PROBABILITY = 1e-4
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
 
 
+@dataclass(frozen=True)
+class _Attempt:
+    """A fit with assumed dry friction, and what it was fitted to. `names`: names of the fitted
+    responses. `dampers`: the dampers that replace the friction elements."""
+
+    found: joint_fit.JointFit
+    frictions: Frictions
+    dampers: Frictions
+    names: list[str]
+    sheet: dict[str, Prior]
+
+
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
     """Fits the parameters of the model to all responses and to their prior values."""
+    (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
+    done = _attempt(tuning, free, measured, tune_measure.moving_N(tuning, free), SLIDING_SPREAD)
+    integral = known.has_integral(tuning.given, tuning.order.band_hz)
+    if done.found.rejected and integral and not free.glide.rubs:
+        done = _with_hidden_friction(tuning, free, measured) or done
+    found, frictions = done.found, done.frictions
+    if found.rejected:
+        raise Refusal(found.rejected, *_explained(tuning, found))
+    # A fit that was accepted always has plants and intervals.
+    assert found.plants is not None and found.intervals is not None
+    changes: list[str] = []
+    if frictions:
+        found.plants, changes = _with_tolerances(
+            tuning, found.plants, found.best, done.sheet, frictions, measured
+        )
+        found.values = found.best | found.plants.together[0]
+    parameters, intervals = linear.facts(found.model).parameters, found.intervals
+    rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
+    return Fitted(
+        **vars(found.summary()), parameters=rows, friction=frictions,
+        lines=_model_lines(tuning, frictions),
+        left_out=tuple(name for name in _every(tuning) if name not in done.names),
+        relied=tuple(changes), together=tuple(found.plants.together),
+        own=dict(zip(done.names, found.own, strict=False)) if frictions else {},
+    )  # fmt: skip
+
+
+def _every(tuning: TuningFolder) -> list[str]:
+    """Returns the names of the responses out of contact and at each force."""
+    return ["free", *(f"{force:g}N" for force in tuning.order.forces)]
+
+
+def _attempt(
+    tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses, moving_N: float,
+    spread: float,
+) -> _Attempt:  # fmt: skip
+    """Fits the model with the friction `moving_N` in guide and gear, and the measured friction
+    under the workpiece. `spread`: prior standard deviation of the logarithm of each damping that
+    replaces the friction of guide and gear."""
     order, given = tuning.order, tuning.given
-    every = ["free", *(f"{force:g}N" for force in order.forces)]
-    moving_N = tune_measure.moving_N(tuning, free)
+    every = _every(tuning)
     frictions = friction_models.frictions_of(given, moving_N, measured.between.friction_N)
     closed = _closed(tuning, every, frictions, measured)
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
-    (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
     # for each response: priors of the parameters that belong only to it
     own: list[dict[str, Prior]] = []
     errors: list[float] = []
+    dampers: Frictions = ()
     if frictions:
         dampers = friction_models.at_both_ends(given, frictions)
         path.write_text(friction_models.damped(given, dampers), encoding="utf-8")
         model, names = str(path), closed
-        own = [_dampers(tuning, name, dampers, free, measured) for name in names]
-        errors = [_error(name, frictions) for name in names]
+        own = [_dampers(tuning, name, dampers, free, measured, spread) for name in names]
+        errors = [_error(name, frictions, free, measured) for name in names]
     else:
         model = str(given)
         names = closed + _differing(tuning, measured, every[1:], model)
@@ -117,25 +173,29 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         # The fitted stiffness of the sensor makes the results of the sine test more accurate.
         found = fitted(before | again)
-    if found.rejected:
-        raise Refusal(found.rejected, *_explained(tuning, found))
-    # A fit that was accepted always has plants and intervals.
-    assert found.plants is not None and found.intervals is not None
-    changes: list[str] = []
-    if frictions:
-        found.plants, changes = _with_tolerances(
-            tuning, found.plants, found.best, sheet, frictions, measured
-        )
-        found.values = found.best | found.plants.together[0]
-    parameters, intervals = linear.facts(model).parameters, found.intervals
-    rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
-    return Fitted(
-        **vars(found.summary()), parameters=rows, friction=frictions,
-        lines=_model_lines(tuning, frictions),
-        left_out=tuple(name for name in every if name not in names),
-        relied=tuple(changes), together=tuple(found.plants.together),
-        own=dict(zip(names, found.own, strict=False)) if frictions else {},
-    )  # fmt: skip
+    return _Attempt(found, frictions, dampers, names, sheet)
+
+
+def _with_hidden_friction(
+    tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses
+) -> _Attempt | None:
+    """Fits the friction of guide and gear that the motion out of contact does not show. Each
+    response has a damper of its own, and each damping shows a friction at the speed of its
+    response. Returns None if no friction explains the responses."""
+    guess_N = HIDDEN_SHARE * min(tuning.order.forces)
+    wide = _attempt(tuning, free, measured, guess_N, HIDDEN_SPREAD)
+    sizes = [
+        math.log(values[one.damping] / prior[one.damping].value)
+        for name, values in zip(wide.names, wide.found.own, strict=False)
+        for prior in [_dampers(tuning, name, wide.dampers, free, measured, HIDDEN_SPREAD)]
+        for one in wide.dampers
+        if one.damping in prior and one not in _under_workpiece(tuning, wide.dampers)
+    ]
+    if not sizes:
+        return None
+    newton = guess_N * math.exp(float(np.median(sizes)))
+    done = _attempt(tuning, free, measured, newton, SLIDING_SPREAD)
+    return None if done.found.rejected else done
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
@@ -225,10 +285,10 @@ def _closed(
 
 def _dampers(
     tuning: TuningFolder, name: str, frictions: Frictions, free: FreeResponse,
-    measured: MeasuredResponses,
+    measured: MeasuredResponses, spread: float,
 ) -> dict[str, Prior]:  # fmt: skip
-    """Returns {parameter: Prior} of the dampers that replace the friction elements in a
-    response."""
+    """Returns {parameter: Prior} of the dampers that replace the friction elements in a response.
+    `spread`: as for _attempt()."""
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     response: ResponseFigures = free if name == "free" else measured.levels[name]
     speed_m_per_s = response.speed_rms / scale
@@ -245,15 +305,26 @@ def _dampers(
             found[one.damping] = Prior(STUCK_DAMPING, SLIDING_SPREAD)
         elif one.newton > 0:
             damping = friction.damping(one.newton, max(speed_m_per_s, 1e-7))
-            spread = STICKING_SPREAD if one in on_table else SLIDING_SPREAD
-            found[one.damping] = Prior(damping, spread)
+            own = STICKING_SPREAD if one in on_table else spread
+            found[one.damping] = Prior(damping, own)
     return found
 
 
-def _error(name: str, frictions: Frictions) -> float:
-    """Returns the relative error of a response, which no change of the parameters can remove."""
-    sticks = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
-    return STICKING_ERROR if sticks else SLIDING_ERROR
+def _error(
+    name: str, frictions: Frictions, free: FreeResponse, measured: MeasuredResponses
+) -> float:
+    """Returns the relative error of a response, which no change of the parameters can remove.
+
+    The error grows with the ratio of the friction of guide and gear to the rms force of the
+    excitation. An axis that sticks for most of the time has errors that are similar at neighbouring
+    frequencies, so its response must have little weight in the fit.
+    """
+    response: ResponseFigures = free if name == "free" else measured.levels[name]
+    rms_codes = response.amplitude / math.sqrt(3)  # of noise with equally frequent values
+    ratio = free.glide.dead_zone / rms_codes if free.glide.rubs else 0.0
+    held = RUBBING_ERROR * ratio * (1 + (ratio / RUBBING_RATIO) ** 2)
+    on_table = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
+    return math.hypot(STICKING_ERROR if on_table else SLIDING_ERROR, min(held, RUBBING_ERROR_MAX))
 
 
 def _speed_response(free: FreeResponse, apart: Measurement) -> Measurement:

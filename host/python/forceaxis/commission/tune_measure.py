@@ -14,7 +14,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, measuring, sine_excitation
 from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges
-from forceaxis.commission.friction_search import LOWEST_FORCE_SHARE
+from forceaxis.commission.friction_search import FORCE_TOLERANCE, LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_folder import TuningFolder, TuningOrder, small_of
@@ -53,11 +53,10 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
         measures.rest()
         if tuning.coasted:
             _back_to_start(tuning, measures, checked.rest.position)
-        newton = known.newton_per_code(tuning.model)
-        newton = newton if math.isfinite(newton) else 0.0
+        drive = known.drive(tuning.model, measures.order.band_hz)
         most, travel = measures.order.most, measures.order.travel
-        first = friction.first_code(most, travel, known.code_rate(tuning.model))
-        found = friction.glide(measures, most, tuning.say, first, newton=newton)
+        first = friction.first_code(most, travel, drive.rate)
+        found = friction.glide(measures, most, tuning.say, first, drive=drive)
     asked = measuring_order(tuning, first=max(4, found.noise_codes), rubs=found.rubs)
     _, figures = take_response(tuning, "free", settings, asked, Analyzer, Analyzer.free)
     return FreeResponse(**vars(figures), glide=GlideFigures(**vars(found), rubs=found.rubs))
@@ -89,9 +88,13 @@ def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
-    """Returns the dry friction of guide and gear in N, which is converted from DAC codes with the
-    model. Returns 0 if there is no friction."""
-    return free.glide.dead_zone * known.newton_per_code(tuning.model) if free.glide.rubs else 0.0
+    """Returns the dry friction of guide and gear in N. If the current of the drive is not measured,
+    the friction is converted from DAC codes with the model. Returns 0 if there is no friction."""
+    if not free.glide.rubs:
+        return 0.0
+    if free.glide.moving_N is not None:
+        return free.glide.moving_N
+    return free.glide.dead_zone * known.newton_per_code(tuning.model)
 
 
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
@@ -102,7 +105,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     order = replace(tuning.order, band_hz=checked.band_hz)
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= force_objects(tuning)
-    between, law = _between(tuning, law, order)
+    between, law = _between(tuning, law, order, free.glide.rubs)
     workpiece_rubs = between.friction_N > 0
     shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
     rubs = workpiece_rubs or free.glide.rubs
@@ -146,13 +149,13 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 
 
 def _between(
-    tuning: TuningFolder, law: Settings, order: TuningOrder
+    tuning: TuningFolder, law: Settings, order: TuningOrder, rubs: bool
 ) -> tuple[SlowChange, Settings]:
     """Changes the force slowly over all forces and over the range of the excitation. Returns two
     values: the result of this change, and the settings `law` with the present `contact_loss_cap` of
-    the axis."""
+    the axis. `rubs`: True if guide or gear have dry friction."""
     low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
-    with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
+    with analyzing(tuning, law, measuring_order(tuning, order, rubs=rubs), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
         # An axis that is still in contact does not approach again.
         # The `contact_loss_cap` of the first contact therefore remains.
@@ -242,6 +245,7 @@ def measuring_order(
         band_hz=order.band_hz, averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
+        within=FORCE_TOLERANCE if rubs else MeasuringOrder.within,
         most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),
     )  # fmt: skip
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="DataclassInstance")
 
+CURRENT_SIGNAL = "drive.current"  # signal of the model that the ADC of the current measures
 # Value of a key in a model file: a number, a quantity with a unit, or the name of a parameter.
 Given = float | str
 
@@ -65,6 +66,7 @@ class ModelAdc:
     """One element [[adc]] of a model file. A key that the file does not have has its default."""
 
     channel: int
+    signal: str = ""
     bits: int = 8
     per_count: Given = 0
     zero_code: Given = 0
@@ -87,6 +89,20 @@ class ModelDrive:
     R: Given | None = None
     L: Given | None = None
     a_act: Given | None = None
+    k_act: Given | None = None
+    k_force: Given | None = None
+    current_bandwidth: Given | None = None
+    current_per_volt: Given | None = None
+    velocity_per_volt: Given | None = None
+    force_per_volt: Given | None = None
+    damping: Given | None = None
+    k_velocity: Given | None = None
+    integral_time: Given | None = None
+    bandwidth: Given | None = None
+    damping_ratio: Given | None = None
+    tuned_mass: Given | None = None
+    tuned_inertia: Given | None = None
+    holding_force: Given | None = None
     peak_current: Given | None = None
     rated_current: Given | None = None
     full_step: Given | None = None
@@ -129,6 +145,12 @@ class ModelFile:
     def force_adc(self) -> ModelAdc:
         """Returns the element [[adc]] on channel 0, which is that of the force sensor."""
         return next(adc for adc in self.adcs if adc.channel == 0)
+
+    @property
+    def current_adc(self) -> ModelAdc | None:
+        """Returns the element [[adc]] that measures the current of the drive, or None if there is
+        none."""
+        return next((adc for adc in self.adcs if adc.signal == CURRENT_SIGNAL), None)
 
     def body(self, name: str | None) -> ModelBody | None:
         """Returns the body with the name `name`, or None if the model has no such body."""
