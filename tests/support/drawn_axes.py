@@ -11,6 +11,7 @@ import json
 import math
 import shutil
 import sys
+import time
 from multiprocessing.connection import Client, Listener
 from pathlib import Path
 
@@ -42,9 +43,17 @@ DELIVERED = (
 )  # fmt: skip
 
 
+def collected(sheet):
+    """(values of the data sheet, their sources)."""
+    return data_sheet.collect({name: str(value) for name, value in sheet.items()})
+
+
+def values(sheet):
+    return collected(sheet)[0]
+
+
 def written(folder, sheet):
-    values, sources = data_sheet.collect({name: str(value) for name, value in sheet.items()})
-    new.write(folder, values, sources)
+    new.write(folder, *collected(sheet))
     return folder
 
 
@@ -140,10 +149,14 @@ class Hidden(SimLink):
         self.where, self._owned, self._armed = "the hidden axis", False, None
         self.axis.step(1)
 
-    def judge(self, folder, forces):
+    def processor_s(self):
+        """Seconds of the processor that the other process has taken."""
+        return self._remote.call("processor_s")
+
+    def judge(self, folder, forces, *more):
         """The row of judged(), also after close(), by which the tool has let the axis go; the last
         request."""
-        row = self._remote.call("judge", str(folder), forces)
+        row = self._remote.call("judge", str(folder), forces, *more)
         self._remote.close()
         return row
 
@@ -257,10 +270,23 @@ def serve(seed, folder, friction=False):
         str(hidden / "contact.toml"), [*given(truth), *DELIVERED],
         str(folder / "store.bin"),
     )  # fmt: skip
+
+    def judge(out, forces):
+        row = {"off": off, "rubs": rubs, "axis_s": axis.ticks / 1500}
+        row |= bounds(model, axis.extremes)
+        return row | judged(model, truth, Path(out), forces, moving)
+
+    answer(axis, folder, {"asked": asked_of(sheet)}, judge)
+
+
+def answer(axis, folder, told, judge):
+    """Lets another process have the axis over a socket until that closes it. Prints `told` and the
+    address. judge(FOLDER, FORCES, ...): the row of a tuning."""
     axis.step(1)
     axis.reset_extremes()  # what the first inputs found
+    own = {"judge": judge, "processor_s": time.process_time}
     with Listener(str(folder / "axis"), "AF_UNIX") as listener:
-        print(json.dumps({"address": listener.address, "asked": asked_of(sheet)}), flush=True)
+        print(json.dumps({"address": listener.address} | told), flush=True)
         with listener.accept() as connection:
             while True:
                 try:
@@ -268,14 +294,8 @@ def serve(seed, folder, friction=False):
                 except EOFError:
                     break
                 try:
-                    if name == "judge":
-                        out, forces = arguments
-                        answer = {"off": off, "rubs": rubs, "axis_s": axis.ticks / 1500}
-                        answer |= bounds(model, axis.extremes)
-                        answer |= judged(model, truth, Path(out), forces, moving)
-                    else:
-                        answer = getattr(axis, name)(*arguments)
-                    connection.send((None, answer))
+                    done = own.get(name) or getattr(axis, name)
+                    connection.send((None, done(*arguments)))
                 except Exception as error:  # which the tool is to see as its own axis'
                     connection.send((error, None))
 

@@ -1,0 +1,65 @@
+"""The study of `forceaxis tune` on hidden machines of all kinds: its score, and one machine of it.
+The whole study is a command: machine_study.py --seeds 0:20."""
+
+import drawn_axes
+import machine_study
+import pytest
+from forceaxis import linear
+
+# Of the machines as their data sheet says, one that takes few seconds.
+FAST = ("amplifier", 0)
+
+
+def refused(name, text, lines=""):
+    return {"name": name, "text": f"{name}: {text}", "lines": lines}
+
+
+def test_the_first_named_cause_counts():
+    chi2 = "parts that explain them, the most likely first: "
+    assert machine_study.cause_of(refused("chi2", chi2 + "a mode near 3 Hz or a lag of 2 ms in "
+                                          "the sensor; add")) == ("frame",)  # fmt: skip
+    assert machine_study.cause_of(refused("chi2", chi2 + "a lag of 0.2 ms in the sensor or a mode "
+                                          "near 3 Hz; add")) == ("latency",)  # fmt: skip
+    assert machine_study.cause_of(refused("chi2", "p = 1e-9: another parameter is wrong")) is None
+    table = refused("friction", "dry", '[[friction]]\nbetween = ["workpiece", "ground"]\n')
+    assert machine_study.cause_of(table) == ("table_friction",)
+
+
+def test_printed_options_and_lines_are_applied_as_printed(tmp_path):
+    text = "give --travel-mm 3.5, or --prior m_axis=20+-30%; --band LOW:HIGH has no value"
+    found = machine_study.option_of(refused("travel", text))
+    assert found == {"travel_mm": 3.5, "priors": ("m_axis=20+-30%",)}
+    model = drawn_axes.written(tmp_path / "press", drawn_axes.PRESS) / "model.toml"
+    friction = '[[friction]]\nname = "rub"\nbetween = ["axis", "ground"]\ncoulomb = 3.0'
+    assert machine_study.with_lines(model, f"# 1. a\n{friction}\n# 2. b\n[[nothing]]\n")
+    assert "rub" in linear.facts(model).switches
+    lag = '# 1. a lag, then p = 1\n# in the [[adc]] of channel 0\nfilter = "900 rad/s"'
+    assert machine_study.with_lines(model, lag)
+    assert 'channel = 0\nfilter = "900 rad/s"' in model.read_text()
+    before = model.read_text()
+    assert not machine_study.with_lines(model, "# 1/s, the corner: 4")
+    assert not machine_study.with_lines(model, "[[friction]]\nname = 3")
+    assert model.read_text() == before
+
+
+def test_a_law_that_its_machine_does_not_bear_is_false():
+    row = {"stored": True, "stable": True, "Ms": 2.2, "Ms_predicted": 2.0,
+           "static_error_percent": [0.5, -1.9]}  # fmt: skip
+    assert not machine_study.is_false(row)
+    assert machine_study.is_false(row | {"Ms": 2.31})
+    assert machine_study.is_false(row | {"stable": False})
+    assert machine_study.is_false(row | {"static_error_percent": [0.5, -2.1]})
+    assert not machine_study.is_false(row | {"stored": False, "stable": False})
+
+
+@pytest.mark.beside
+def test_a_machine_that_is_its_data_sheet_is_tuned_and_judged(tmp_path):
+    asked = machine_study.parsed(["--exact", "--limit-s", "600"])
+    asked.scratch = tmp_path
+    row = machine_study.studied(asked, *FAST)
+    assert row["outcome"] == machine_study.KEPT, row["refused"]
+    assert row["drive_state"] != "operation_enabled"
+    assert 0 < row["force_max_N"] < row["force_bound_N"]
+    assert set(row["cpu_s"]) == {*machine_study.tune.STEPS, "judge"}
+    scored = machine_study.table([row]).splitlines()[-1]
+    assert scored.startswith("| all |")
