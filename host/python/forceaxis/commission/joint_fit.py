@@ -55,6 +55,8 @@ SEARCHES_MAX = 2
 LIMITING_MODE_WIDTH_LOG = 0.15
 # Largest relative standard error of a response near the limiting mode.
 LIMITING_MODE_ERROR_MAX = 0.2
+# A damping is determined by the responses if the standard error of its logarithm is smaller.
+DAMPING_UNIT, DAMPING_ERROR_MAX = "N s/m", 0.1
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
@@ -520,8 +522,25 @@ def _evaluated(
         modes for m, modes in zip(problem.measured, problem.modes, strict=True) if not m.free
     ]
     modes_seen = tuple({tuple(sorted(one.items())): one for one in visited}.values())
-    found.plants = plant_set.PlantSet(problem.model, best, ranges, modes_seen)
+    together = _lightly_damped(problem, best, spread, ranges)
+    found.plants = plant_set.PlantSet(problem.model, best, ranges, modes_seen, together)
     return found
+
+
+def _lightly_damped(
+    problem: Responses, best: Values, spread: Samples, ranges: Collection[str]
+) -> tuple[Values, ...]:
+    """Returns the choices of dampings for the design: the fitted ones, and if the responses do not
+    determine some of them, these lower by their standard error. `spread`: standard errors of the
+    logarithms of the parameters."""
+    parameters = linear.facts(problem.model).parameters
+    low = {
+        name: best[name] * math.exp(-error)
+        for name, error in zip(problem.names, spread, strict=True)
+        if name in parameters and parameters[name].unit == DAMPING_UNIT
+        and name not in ranges and error > DAMPING_ERROR_MAX
+    }  # fmt: skip
+    return ({}, low) if low else ({},)
 
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:

@@ -31,7 +31,7 @@ DRIVE_SPREADS = {
         ("bandwidth", "k_velocity", "integral_time", "damping_ratio", "tuned_mass",
          "tuned_inertia", "k_act", "a_act", "holding_force"), 0.2,
     ),
-    "current_bandwidth": 0.3, "damping": 0.3,
+    "current_bandwidth": 0.3, "damping": 0.3, "tuned_mass": 0.1,
 }  # fmt: skip
 # Smallest standard deviation of a prior that was read from a posterior.
 # The prior must not be narrower, because a machine changes a little from day to day.

@@ -77,6 +77,7 @@ from forceaxis.design.certificate import NoPFigures, PFigures
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import HF_DEFAULT, hf_most
 from forceaxis.design.outcome import DesignResult
+from forceaxis.identify.distributions import normal_bound
 from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
 from forceaxis.results import from_json, to_json
@@ -92,6 +93,8 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
+# probability with which noise alone makes the measured Ms exceed its bound
+PEAK_PROBABILITY = 0.025
 # If |S| is certain at no frequency, the response is measured again with more averages.
 # These are the factors of the number of averages, in the order in which they are tried.
 AVERAGES_FACTORS = (1, 4, 16)
@@ -499,16 +502,23 @@ def verify(
             about, order = _verified(fitted_axis, force, first, order)
             first = next_amplitude(about.amplitude, force, order.forces)
             levels[f"verified-{force:g}N"] = about
-            if about.Ms - 2 * about.Ms_error > about.Ms_predicted + MS_TOLERANCE:
+            error = _bound_of_peak(about) * about.Ms_error
+            if about.Ms - error > about.Ms_predicted + MS_TOLERANCE:
                 raise Refusal(
                     "verify", "expected a measured Ms that exceeds the predicted Ms "
                     f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
-                    f"{about.Ms:.3g} +-{2 * about.Ms_error:.2g}"
+                    f"{about.Ms:.3g} +-{error:.2g}"
                 )  # fmt: skip
     except Refusal as refusal:
         _restore_earlier_law(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
     return Verified(levels)
+
+
+def _bound_of_peak(about: VerifiedResponse) -> float:
+    """Returns how many standard errors the largest of many noisy values of |S| may exceed the
+    largest true value, with a probability of PEAK_PROBABILITY."""
+    return normal_bound(1 - PEAK_PROBABILITY / max(1, about.lines))
 
 
 def _verified(
