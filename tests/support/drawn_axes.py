@@ -235,13 +235,20 @@ def judged(model, truth, folder, forces, moving=None):
     }
 
 
-def contacts(model, truth, forces, bank, designed):
-    """Rows of simulate: the true plant's contacts at the forces."""
+def kept_by(axis):
+    """What an axis has of the settings of simulated contacts, where no tuning writes them."""
+    known = [objects.BY_NAME[name] for name in simulate.KEPT]
+    return {one.name: axis.read(one.number) * one.scale for one in known}
+
+
+def contacts(model, truth, forces, bank, designed, axis=None):
+    """Rows of simulate: the true plant's contacts at the forces. axis: has the settings that the
+    tuning did not write."""
     with Design(str(model), truth) as plant:
         scale = abs(plant.facts.required_encoder.scale)
-        objects = designed["objects"]
-        speed = objects["approach_velocity_max"] / scale
-        kept = {name: objects[name] for name in simulate.KEPT if name in objects}
+        written = (kept_by(axis) if axis else {}) | designed["objects"]
+        speed = written["approach_velocity_max"] / scale
+        kept = {name: written[name] for name in simulate.KEPT if name in written}
         bench = simulate.ContactBench(plant, designed["adc_bits"], firmware=kept)
         bench.wait_for(bank)
         bench.rated_N = max(forces)

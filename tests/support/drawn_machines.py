@@ -590,8 +590,9 @@ def modes(model: Path, machine: Machine, designed: list[dict[str, str]]) -> tupl
 
 
 def judged(
-    machine: Machine, model: Path, out: Path, forces: list[float], goal: dict[str, Any] | None
-) -> dict[str, Any]:
+    machine: Machine, axis: _core.LiveAxis, model: Path, out: Path, forces: list[float],
+    goal: dict[str, Any] | None,
+) -> dict[str, Any]:  # fmt: skip
     """What the law that a tuning in `out` designed does on the true machine. goal: of the search
     for the bandwidth of the true machine (slow), or None."""
     if not (out / "design.json").exists():
@@ -605,7 +606,7 @@ def judged(
     wide = PlantSet(straight, {}, ranges_of(straight, OVER), states)
     worst = margins.worst(wide, ("zoh",), LoopSpec("bank", bank=bank))
     row = {"Ms": worst.Ms, "fS_true_Hz": worst.fS_Hz, "stable_linear": worst.stable}
-    rows = drawn_axes.contacts(model, {}, forces, bank, designed)
+    rows = drawn_axes.contacts(model, {}, forces, bank, designed, axis)
     row |= {
         "stable": worst.stable and not drawn_axes.simulate.unstable(rows),
         "static_error_percent": [one.static_error_percent for one in rows],
@@ -653,7 +654,7 @@ def serve(machine: Machine, folder: Path) -> None:
     def judge(out: str, forces: list[float], goal: dict[str, Any] | None = None) -> dict[str, Any]:
         began = time.process_time()
         row = {"axis_s": axis.ticks / 1500} | drawn_axes.bounds(model, axis.extremes)
-        row |= judged(machine, model, Path(out), forces, goal)
+        row |= judged(machine, axis, model, Path(out), forces, goal)
         return row | {"judge_s": time.process_time() - began}
 
     drawn_axes.answer(axis, folder, {"asked": machine.asked()}, judge)

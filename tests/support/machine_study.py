@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -175,7 +176,7 @@ def run(axis: Axis, order: tune.TuningOrder, out: Path, cpu: dict[str, float]) -
 
 
 class Late(Exception):
-    """A machine took longer than --limit-s."""
+    """A machine took more processor seconds than --limit-s."""
 
 
 def tuned(asked: argparse.Namespace, kind: str, seed: int, without: tuple[str, ...] = ()) -> Row:
@@ -197,8 +198,8 @@ def tuned(asked: argparse.Namespace, kind: str, seed: int, without: tuple[str, .
             process.kill()  # so that nobody waits for it any more
             raise Late
 
-        signal.signal(signal.SIGALRM, late)
-        signal.alarm(asked.limit_s)
+        signal.signal(signal.SIGPROF, late)
+        signal.setitimer(signal.ITIMER_PROF, asked.limit_s)
         try:
             served = json.loads(process.stdout.readline() or '{"new": "it ended"}')
             if "new" in served:
@@ -209,10 +210,10 @@ def tuned(asked: argparse.Namespace, kind: str, seed: int, without: tuple[str, .
             process.kill()
             if not isinstance(error, Late) and not isinstance(error.__context__, Late):
                 raise
-            text = f"expected an end within {asked.limit_s} s"
+            text = f"expected an end within {asked.limit_s:g} processor s"
             row |= {"refused": {"step": "late", "name": "late", "text": text}}
         finally:
-            signal.alarm(0)
+            signal.setitimer(signal.ITIMER_PROF, 0)
     row["whole_cpu_s"] = time.process_time() - began
     shutil.rmtree(folder, ignore_errors=True)
     return row
@@ -271,13 +272,25 @@ def is_false(row: Row) -> bool:
 
 KEPT, WITH_LINE, FALSE = "kept", "with the line", "kept and false"
 TRUE, OTHER, UNTOLD = "refused, true", "refused, another", "refused, untold"
-OUTCOMES = (KEPT, WITH_LINE, TRUE, OTHER, UNTOLD, FALSE)
+BROKEN = "broken"
+OUTCOMES = (KEPT, WITH_LINE, TRUE, OTHER, UNTOLD, FALSE, BROKEN)
 
 
 def studied(asked: argparse.Namespace, kind: str, seed: int) -> Row:
     """The row of a machine with its outcome, and if it needs that the row of the machine without
-    the named cause."""
-    row = tuned(asked, kind, seed)
+    the named cause. A traceback is an outcome too, so that it does not hide the other machines."""
+    try:
+        return _scored(asked, kind, seed, tuned(asked, kind, seed))
+    except Exception:
+        text = traceback.format_exc()
+        refused = {"step": "broken", "name": "broken", "text": text}
+        return {
+            "kind": kind, "seed": seed, "exact": asked.exact, "drawn": {}, "cpu_s": {},
+            "refused": refused, "outcome": BROKEN,
+        }  # fmt: skip
+
+
+def _scored(asked: argparse.Namespace, kind: str, seed: int, row: Row) -> Row:
     if row.get("stored"):
         kept = WITH_LINE if row["refused"] else KEPT
         row["outcome"] = FALSE if is_false(row) else kept
@@ -365,7 +378,7 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     )
     parser.add_argument("--no-causes", dest="causes", action="store_false",
                         help="no second machine without the named cause")  # fmt: skip
-    parser.add_argument("--limit-s", type=int, default=1800, help="longest time of a machine")
+    parser.add_argument("--limit-s", type=float, default=600, help="processor s of a machine")
     parser.add_argument("--rows", type=argparse.FileType("a"), default=sys.stdout)
     parser.add_argument("--table", type=Path, help="file of the score; without it, it is printed")
     return parser.parse_args(words)

@@ -54,7 +54,7 @@ def test_a_law_that_its_machine_does_not_bear_is_false():
 
 @pytest.mark.beside
 def test_a_machine_that_is_its_data_sheet_is_tuned_and_judged(tmp_path):
-    asked = machine_study.parsed(["--exact", "--limit-s", "600"])
+    asked = machine_study.parsed(["--exact"])
     asked.scratch = tmp_path
     row = machine_study.studied(asked, *FAST)
     assert row["outcome"] == machine_study.KEPT, row["refused"]
