@@ -171,7 +171,9 @@ def test_list_shows_the_simulated_axis():
 
 
 def test_move_reaches_and_disables():
-    done = json.loads(said(forceaxis("axis", "move", *SIM, "-1800", "--speed", "900", "--json")))
+    done = json.loads(
+        said(forceaxis("axis", "move", *SIM, "-1800", "--speed", "900 count/s", "--json"))
+    )
     assert abs(done["position"] + 1800) <= 10
     with Axis(SimLink(CONTACT, GAINS)) as axis:
         axis.enable("profile position")
@@ -216,9 +218,43 @@ def test_press_in_newtons_holds_them_with_the_bank():
 
 
 def test_press_in_counts_is_the_p_law():
-    lines = said(forceaxis("axis", "press", *SIM, "30", "--seconds", "1.5")).splitlines()
+    done = forceaxis("axis", "press", *SIM, "30", "--seconds", "1.5")
+    lines = done.stdout.splitlines()
     # Figure 3.14: k_f = 5, f_d = 30 hold 26 or 27 counts.
     assert lines[-1].startswith("held 66") and len(lines) > 3
+    # 66 of 75 N is not what was asked for.
+    text = refusal(done, 1)
+    assert "expected a mean force of 75 N within 1.5 N, got 66" in text
+    assert "the P law (force_gain) leaves this error" in text and "`forceaxis design`" in text
+
+
+@pytest.mark.parametrize("force", ["-50", "-50 N", "0", "0 N"])
+def test_a_force_that_does_not_press_is_refused_before_the_axis_moves(axis, force):
+    """It ran away from the part for 64 mm, or waited for a contact."""
+    text = refusal(forceaxis("axis", "press", *SIM, "--", force), 2)
+    assert "expected a force above 0" in text
+    with pytest.raises(InputError, match="expected a force above 0"):
+        axis.press(force)
+    assert axis.read("drive_state") == "switch_on_disabled"
+
+
+@pytest.mark.parametrize(("asked", "held", "has_bank", "words"), [
+    (60.0, [32.9] * 8, True, "limit of the drive"),  # 32.87 of 60 N was success
+    (60.0, [32.9] * 8, False, "P law"),
+    (60.0, [20.0] * 4 + [40.0] * 4, True, "press longer"),
+    (60.0, [61.1, 58.9] * 8, True, None),
+    (10.0, [10.5] * 8, True, None),  # the reading has steps of one count
+])  # fmt: skip
+def test_a_press_beyond_two_per_cent_is_not_held(asked, held, has_bank, words):
+    text = actions._not_held(asked, held, 1.0, has_bank)
+    assert text is None if words is None else words in text
+
+
+@pytest.mark.parametrize("verb", ["move 100", "press 20"])
+def test_a_speed_without_its_unit_is_refused(verb):
+    """`move --speed 5` was 5 encoder counts/s."""
+    text = refusal(forceaxis("axis", *verb.split(), *SIM, "--speed", "5"), 2)
+    assert '--speed: expected a speed with its unit, such as "' in text and '"5 count/s"' in text
 
 
 def test_press_bounds_the_approach_and_restores_what_it_set(axis):
@@ -232,8 +268,9 @@ def test_press_bounds_the_approach_and_restores_what_it_set(axis):
     assert axis.get(*before) == before
     assert axis.read("drive_state") == "ready_to_switch_on"
     axis.set(force_setpoint=0.0)
+    actions.move(axis, -3000, counts=500.0)
     with pytest.raises(NoAnswer, match=r"expected contact.*fault no_contact"):
-        axis.press(-30.0, 0.1, speed=1000, approach_s=0.5)  # away from the workpiece
+        axis.press(30.0, 0.1, speed=10, approach_s=0.3)  # too slow for the distance
     assert axis.read("drive_state") == "fault"
 
 
@@ -518,7 +555,7 @@ def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
 
 
 def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
-    done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
+    done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000 count/s")
     told = "; `forceaxis axis reset --on sim:sim/experiments/contact.toml` resets the fault"
     assert refusal(done, 1).endswith(told)
     resets = r"; `axis.reset_fault\(\)` resets the fault$"

@@ -45,11 +45,6 @@ def still():
         ({"force_limit": 300}, "31 N", ["at most 30 N", "force_limit (6072h)", "got 31 N"]),
         ({"force_limit_positive": 200}, "25 N", ["at most 20 N", "force_limit_positive (60E0h)"]),
         (
-            {"force_limit_negative": 200},
-            "-25 N",
-            ["at least -20 N", "force_limit_negative (60E1h)"],
-        ),
-        (
             {"force_offset": 100},
             "95 N",
             ["at most 90 N", "force_limit (6072h)", "force_offset 100"],
@@ -78,6 +73,12 @@ def test_a_press_that_would_be_clipped_is_refused_before_anything_is_written(
     assert "\n" not in str(error.value)
     assert still.written == []
     assert still.read("drive_state") == "switch_on_disabled"
+
+
+def test_a_negative_target_has_its_own_limit(still):
+    still.set(force_limit_negative=200)
+    with pytest.raises(InputError, match=r"at least -20 N.*force_limit_negative \(60E1h\)"):
+        still.set(target_force="-25 N")
 
 
 def test_the_verb_ends_with_status_2_and_one_line():
@@ -383,5 +384,5 @@ def test_a_retract_that_leaves_it_in_contact_is_said(axis):
 def test_what_an_axis_is_in_reads_as_a_sentence(axis):
     assert axis.about().startswith("the axis is switch on disabled without a fault, mode ")
     with pytest.raises(NoAnswer) as error:
-        axis.press(-30.0, 0.1, approach_s=0.2)
+        axis.press(30.0, 0.1, speed=10, approach_s=0.2)
     assert ", the axis has the fault no_contact, mode force counts, position " in str(error.value)

@@ -30,6 +30,9 @@ RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
+# A press has held its force if the mean force differs by at most this fraction of the force.
+# A difference of HELD_ERROR_COUNTS is always permitted, because the measured force has this step.
+HELD_ERROR_SHARE, HELD_ERROR_COUNTS = 0.02, 0.6
 # time in s that a retract may take in addition to the computed time of its motion
 RETRACT_EXTRA_S = 10.0
 # Force limit of a move in 8-bit counts.
@@ -300,18 +303,28 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """Result of a press. It has the mean, smallest and largest measured force in the second half of
-    the pressing time, and the largest measured force since the first contact. Positions are in
-    encoder counts."""
+    """Result of a press. It has the force that was asked for, the mean, smallest and largest
+    measured force in the second half of the pressing time, and the largest measured force since the
+    first contact. Positions are in encoder counts."""
 
+    asked_N: float
     force_count: float
     force_N: float
     least_N: float
     most_N: float
     peak_N: float
     position: int
+    #: Reason why the mean force is not the force that was asked for. None if the force was held.
+    not_held: str | None
     #: Position after a retract in encoder counts. None without a retract.
     retracted_position: int | None = None
+
+
+@dataclass(frozen=True)
+class LawObjects:
+    """The filter bank that modes of force control in newtons use, or 0 for the P law."""
+
+    force_bank: int
 
 
 @dataclass(frozen=True)
@@ -332,6 +345,7 @@ def press(
     """Presses with the force `force` and the options `order`, and then disables the axis. Calls the
     function shown(sample) a few times per second. Raises the errors of Axis.press()."""
     speed = order.speed
+    expect_pressing(force)
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
     wanted = "target_force" if force.newton else "force_setpoint"
@@ -347,6 +361,7 @@ def press(
     if speed is not None or not (force.newton or axis.read(bound)):
         settings[bound] = asked.get("approach_velocity_max") or axis.read("approach_velocity_max")
     before = axis.get(*settings, *(() if force.newton else (wanted,)))
+    has_bank = force.newton and axis.record(LawObjects).force_bank > 0
     apart = None
     ends = contextlib.ExitStack()
     try:
@@ -365,7 +380,10 @@ def press(
         axis.put_back(**before)
     last = [sample.force for sample in samples[len(samples) // 2 :]]
     mean = sum(last) / len(last)
+    asked = abs(force.value) if force.newton else force.value * per_count
     return PressResult(
+        asked_N=asked,
+        not_held=_not_held(asked / per_count, last, per_count, has_bank),
         force_count=mean,
         force_N=mean * per_count,
         least_N=min(last) * per_count,
@@ -373,6 +391,49 @@ def press(
         peak_N=max(sample.force for sample in samples) * per_count,
         position=samples[-1].position,
         retracted_position=apart,
+    )
+
+
+def expect_pressing(force: Force) -> None:
+    """Raises InputError for a force of a press that is not above 0. The axis would move away from
+    the workpiece, or would stay at standstill."""
+    if force.value > 0:
+        return
+    unit = "N" if force.newton else "force counts"
+    moves = "moves away from the workpiece" if force.value < 0 else "does not approach"
+    raise InputError(
+        f"press: expected a force above 0, because with another force the axis {moves}, got "
+        f"{force.value:g} {unit}"
+    )
+
+
+def _not_held(
+    counts: float, held: Sequence[float], newton_per_count: float, has_bank: bool
+) -> str | None:
+    """Returns the reason why the mean of the measured forces `held` is not the force `counts` that
+    was asked for, or None if it is this force. All forces are in 8-bit counts. `has_bank`: False
+    for the P law."""
+    bound = max(HELD_ERROR_SHARE * counts, HELD_ERROR_COUNTS)
+    mean = statistics.fmean(held)
+    if abs(mean - counts) <= bound:
+        return None
+    half = len(held) // 2
+    change = statistics.fmean(held[half:]) - statistics.fmean(held[:half] or held)
+    if abs(change) > bound / 2:
+        why = "the force still changes: press longer"
+    elif has_bank:
+        why = (
+            "the force law of the bank does not reach the force: look for a limit of the drive, "
+            "friction or a bank without integral action"
+        )
+    else:
+        why = (
+            "the P law (force_gain) leaves this error: raise force_gain, or use a bank with "
+            "integral action (`design_law`) and a force in N"
+        )
+    return (
+        f"expected a mean force of {counts * newton_per_count:.4g} N within "
+        f"{bound * newton_per_count:.3g} N, got {mean * newton_per_count:.4g} N; {why}"
     )
 
 

@@ -228,6 +228,18 @@ def expect_written(option: str, text: str | None, example: str) -> None:
         )
 
 
+def expect_speed(option: str, text: str | None, example: str) -> None:
+    """Raises InputError for the text of an option that is not a speed with its unit. A number alone
+    could be in mm/s or in encoder counts/s, which differ by orders of magnitude. This check needs
+    no axis."""
+    expect_written(option, text, example)
+    if text is not None and "/" not in text:
+        raise InputError(
+            f'{option}: expected a speed with its unit, such as "{example}" or "{text.split()[0]} '
+            f'count/s", got {text}'
+        )
+
+
 def force(text: str | float) -> Force:
     """Converts a text or a number to a force. "75 N" and "75N" are forces in N. "30", "30 count"
     and the number 30 are forces in 8-bit counts. Raises InputError."""

@@ -393,13 +393,13 @@ force_max = click.option(
 approach_speed = click.option(
     "--speed",
     metavar="SPEED",
-    help='Largest approach speed, "4 mm/s" or encoder counts/s. Default: approach_velocity_max.',
+    help='Largest approach speed, "4 mm/s" or "1600 count/s". Default: approach_velocity_max.',
 )
 
 
 @axis.command(
     context_settings=NEGATIVE,
-    epilog="""forceaxis axis move --on lcm:1 36000 --speed 20000
+    epilog="""forceaxis axis move --on lcm:1 36000 --speed "20000 count/s"
     forceaxis axis move --on can0:3 -500
     forceaxis axis move --on can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
 )
@@ -407,7 +407,7 @@ approach_speed = click.option(
 @click.option(
     "--speed",
     metavar="SPEED",
-    help='Speed of the move: "5 mm/s", or encoder counts/s. Default: trajectory_velocity.',
+    help='Speed of the move: "5 mm/s" or "2000 count/s". Default: trajectory_velocity.',
 )
 @click.option(
     "--timeout",
@@ -437,7 +437,7 @@ def move(
     from forceaxis.axis import actions, quantity
 
     quantity.expect_written("POSITION", position, "10 mm")
-    quantity.expect_written("--speed", speed, "5 mm/s")
+    quantity.expect_speed("--speed", speed, "5 mm/s")
     with owned(connection) as axis:
         bound = actions.most_counts(axis, force_max) or actions.MOVE_COUNTS
         actions.move(axis, position, speed, timeout, bound)
@@ -492,13 +492,15 @@ def press(
     and selects mode -1, the P law with force_gain. Afterwards all parameters have their earlier
     values. If the measured force exceeds --force-max (default: twice FORCE and 8 counts), the axis
     is disabled in the same tick. A FORCE above a limit of the axis (6072h, 60E0h, 60E1h, sensor
-    range) is refused before the axis moves. The exit status is 1 if a limit is lowered while it
-    presses.
+    range) is refused before the axis moves, as is a FORCE of 0 or less. The exit status is 1 if
+    the mean force over the second half of the time differs from FORCE by more than 2 % and 0.6
+    counts, or if a limit is lowered while it presses.
     """
     from forceaxis.axis import actions, quantity
 
     wanted = quantity.force(force)
-    quantity.expect_written("--speed", speed, "4 mm/s")
+    actions.expect_pressing(wanted)
+    quantity.expect_speed("--speed", speed, "4 mm/s")
     quantity.expect_written("--retract", retract, "5 mm")
     begin = time.monotonic()
     with owned(connection) as axis:
@@ -509,20 +511,23 @@ def press(
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
         warn_of_newtons(axis, connection)
-        per_count = quantity.force_per_count(axis)
+        per_count, where = quantity.force_per_count(axis), axis.link.where
         order = actions.PressOrder(seconds, speed, approach, force_max, retract)
         held = actions.press(axis, wanted, order, None if as_json else report)
         apart = held.retracted_position
         mm = "" if apart is None else in_mm(axis, apart)
     if as_json:
         print_json(held)
-        return
-    click.echo(
-        f"held {held.force_N:.4g} N ({held.force_count:.4g} force counts), "
-        f"{held.least_N:.4g} to {held.most_N:.4g} N, peak {held.peak_N:.4g} N"
-    )
-    if apart is not None:
-        click.echo(f"apart at position {apart} encoder counts{mm}")
+    else:
+        click.echo(
+            f"held {held.force_N:.4g} N ({held.force_count:.4g} force counts), "
+            f"{held.least_N:.4g} to {held.most_N:.4g} N, peak {held.peak_N:.4g} N"
+        )
+        if apart is not None:
+            click.echo(f"apart at position {apart} encoder counts{mm}")
+    if held.not_held:
+        click.echo(f"forceaxis: {where}: {with_commands(held.not_held)}", err=True)
+        sys.exit(1)
 
 
 VERBS = (axis,)
