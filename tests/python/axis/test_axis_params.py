@@ -324,8 +324,9 @@ def test_a_dump_of_another_table_is_loaded_by_name(owned, tmp_path):
         parameter_set.load(other, file)
     assert parameter_set.read(other) == before
     assert all(word in str(refusal.value) for word in (
-        "0x12345678", ours, "feed: expected unit 1 in [objects]", "got unit mm",
-        "keep_alive: expected the name of an object", "bump_decay_shift: expected max 12",
+        "0x12345678", ours, "feed: expected the description unit 1 of this object", "got unit mm",
+        "keep_alive: expected the name of an object",
+        "bump_decay_shift: expected the description max 12 of this object",
     ))  # fmt: skip
     parameter_set.load(other, file, skip=("feed", "keep_alive", "bump_decay_shift"))
     assert other.read("force_jump_max") == 20.0 and other.read("feed") == 0
