@@ -193,8 +193,10 @@ def tuned(asked: argparse.Namespace, kind: str, seed: int, without: tuple[str, .
     with subprocess.Popen(
         [sys.executable, DRAWN, kind, str(seed), folder, *words], stdout=subprocess.PIPE, text=True
     ) as process:
+        overdue = []
 
         def late(*_: object) -> None:
+            overdue.append(asked.limit_s)
             process.kill()  # so that nobody waits for it any more
             raise Late
 
@@ -206,12 +208,14 @@ def tuned(asked: argparse.Namespace, kind: str, seed: int, without: tuple[str, .
                 refused = {"step": "new", "name": "new", "text": served["new"]}
                 return row | {"refused": refused, "cpu_s": {}}
             _of_served(asked, row, served, folder)
-        except BaseException as error:
+        except BaseException:
             process.kill()
-            if not isinstance(error, Late) and not isinstance(error.__context__, Late):
+            if not overdue:  # else the end of a link to a process that was killed is no finding
                 raise
+            done = row.get("cpu_s", {})
+            step = next(step for step in (*tune.STEPS, "judge") if step not in done)
             text = f"expected an end within {asked.limit_s:g} processor s"
-            row |= {"refused": {"step": "late", "name": "late", "text": text}}
+            row |= {"refused": {"step": step, "name": "late", "text": text}, "stored": False}
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
     row["whole_cpu_s"] = time.process_time() - began
