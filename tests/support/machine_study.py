@@ -2,6 +2,7 @@
 of JSON for each, and at the end the score by kind.
 
     machine_study.py [--kind K ...] [--seeds A:B] [--exact] [--processes N] [--bandwidth]
+    machine_study.py --of ROWS...    the score of rows that were printed
 
 A machine is kept, or refused. Where a refusal prints lines for the model or an option, they are
 applied as printed and the command runs again. The first named cause of a refusal is true if the
@@ -385,11 +386,16 @@ def parsed(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--limit-s", type=float, default=600, help="processor s of a machine")
     parser.add_argument("--rows", type=argparse.FileType("a"), default=sys.stdout)
     parser.add_argument("--table", type=Path, help="file of the score; without it, it is printed")
+    parser.add_argument("--of", type=Path, nargs="+", help="files of rows to score again")
     return parser.parse_args(words)
 
 
 def main() -> None:
     asked = parsed()
+    if asked.of:
+        rows = [json.loads(line) for file in asked.of for line in file.read_text().splitlines()]
+        print(f"{table(rows)}\n\n{refusals(rows)}")
+        return
     first, _, end = asked.seeds.partition(":")
     jobs = [(kind, seed) for seed in range(int(first), int(end)) for kind in asked.kind]
     file, rows = asked.rows, []
