@@ -70,13 +70,13 @@ CAUSES = (
     Cause("prior", r"expected m_(axis|load|motor) ", ("moving_mass",)),
     Cause("prior", r"expected (k_w|m_w|b_w) ", WORKPIECE),
     Cause("prior", r"expected (k_torque|k_force|k_preamp|a_preamp|k_amp|velocity_loop|drive_|"
-                   r"current_loop|holding|load_angle)", ("drive_numbers",)),
+                   r"current_loop|peak_current|holding|load_angle)", ("drive_numbers",)),
     Cause("prior", "", ()),
     Cause("chi2", "most likely first: a lag of [^;]*? in the sensor", ("latency",)),
     Cause("chi2", "most likely first: a lag of", ("drive_numbers",)),
     Cause("chi2", "most likely first: a mode", ("frame",)),
     Cause("chi2", "most likely first: a gain that differs", ("stiffening",)),
-    Cause("chi2", "correct cycle_ticks", ()),
+    Cause("cycle", "", ()),
 )  # fmt: skip
 
 

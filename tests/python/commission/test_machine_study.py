@@ -21,6 +21,8 @@ def test_the_first_named_cause_counts():
     assert machine_study.cause_of(refused("chi2", chi2 + "a lag of 0.2 ms in the sensor or a mode "
                                           "near 3 Hz; add")) == ("latency",)  # fmt: skip
     assert machine_study.cause_of(refused("chi2", "p = 1e-9: another parameter is wrong")) is None
+    cycle = refused("cycle", "2 changes do not show this cycle: correct cycle_ticks")
+    assert machine_study.cause_of(cycle) == ()  # which no machine has wrong
     table = refused("friction", "dry", '[[friction]]\nbetween = ["workpiece", "ground"]\n')
     assert machine_study.cause_of(table) == ("table_friction",)
 
