@@ -336,7 +336,7 @@ def test_objects_lists_the_table():
     # Objects without a unit show none; values that are no numbers show as text.
     listed = forceaxis("objects", "excitation").stdout
     assert "[0 to 65535]" in listed
-    assert "below 750 Hz" in listed and "Above 750 Hz" in listed
+    assert "below 750 Hz" in listed and "aliases above 750 Hz" in listed
 
 
 @pytest.mark.parametrize(
