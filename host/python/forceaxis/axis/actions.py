@@ -380,10 +380,10 @@ def press(
         axis.put_back(**before)
     last = [sample.force for sample in samples[len(samples) // 2 :]]
     mean = sum(last) / len(last)
-    asked = abs(force.value) if force.newton else force.value * per_count
+    asked_N = abs(force.value) if force.newton else force.value * per_count
     return PressResult(
-        asked_N=asked,
-        not_held=_not_held(asked / per_count, last, per_count, has_bank),
+        asked_N=asked_N,
+        not_held=_not_held(asked_N / per_count, last, per_count, has_bank),
         force_count=mean,
         force_N=mean * per_count,
         least_N=min(last) * per_count,
