@@ -120,7 +120,7 @@ def test_over_can_what_is_wrong_is_refused_by_the_head(tmp_path):
             patch.setattr(axis.link, "close", lambda: None)  # one client at the frames
             axis.acquire()
             axis.set(command_source="modbus")
-            with pytest.raises(updating.InputError, match="the bus modbus owns"):
+            with pytest.raises(updating.InputError, match="a client on the bus modbus controls"):
                 update(lambda: axis.link, newer())
             axis.link.wait(1.5)  # until the watchdog has returned the axis to canopen
             axis.enable("open loop", first_motion_test=0, open_loop_code=0)
