@@ -19,6 +19,7 @@ from forceaxis.linear.posterior import Posterior
 # Prior standard deviations of the logarithms of masses, drive constants and stiffnesses.
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.1, 0.1, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
+GIVEN_SPREAD = 0.05  # of a value that the user gives without its accuracy
 # {key of the table [drive]: prior standard deviation of the logarithm of its value}. A data sheet
 # states constants of the motor and scales of the command. The bandwidth of a loop depends on how
 # the drive was set up and on the load, so it is known less accurately.
@@ -76,7 +77,8 @@ def priors(
     `over` names the file of a posterior. In this case, the posterior becomes the prior of its
     parameters.
 
-    given: texts NAME=VALUE+-PERCENT%, or NAME=VALUE with the accuracy of a mass. Raises InputError.
+    given: texts NAME=VALUE+-PERCENT%, or NAME=VALUE with the accuracy GIVEN_SPREAD of a value that
+    somebody has measured. Raises InputError.
     """
     known = linear.facts(model, overrides).parameters
     tables = model_file.read(model)
@@ -108,7 +110,7 @@ def priors(
         name, _, value = text.partition("=")
         value, _, percent = value.partition("+-")
         try:
-            share = float(percent.removesuffix("%")) / 100 if percent else MASS_SPREAD
+            share = float(percent.removesuffix("%")) / 100 if percent else GIVEN_SPREAD
             prior = Prior(float(value), share)
         except ValueError:
             prior = Prior(0.0, 0.0)
