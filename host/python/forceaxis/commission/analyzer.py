@@ -757,6 +757,7 @@ class Analyzer:
 
     def go_home(self) -> None:
         """Moves the axis back to the position at which the measurement began."""
+        self.set(position_window=self.window())
         self.axis.enable("profile position")
         if abs(self.axis.integer("position") - self.home) > STANDSTILL_CNT:
             self.axis.move(self.home)
