@@ -591,7 +591,10 @@ def test_an_axis_on_a_bus_is_tuned_as_promised(tmp_path):
     with Axis(SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5", "m_w=4.5"])) as axis:
         summary = tune.Tuning(axis, asked, tmp_path / "out").run()
     assert summary.refused is None
-    assert summary.Ms_verified == pytest.approx(summary.Ms_predicted, abs=0.2)
+    # The prediction is for the worst plant of the set, that of a level for the fitted plant.
+    assert summary.Ms_verified <= summary.Ms_predicted + 0.2
+    for level in summary.levels.values():
+        assert level.Ms == pytest.approx(level.Ms_predicted, abs=0.2)
 
 
 def test_a_bus_of_another_cycle_than_that_of_the_model_is_refused(tmp_path):
