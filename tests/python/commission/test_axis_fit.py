@@ -211,7 +211,7 @@ def test_the_states_that_mode_names_are_those_of_every_response_and_of_the_set()
 def test_priors_follow_the_part_that_a_parameter_plays(model):
     priors = known.priors(model, OVER, ("m_w=4", "b_axis=150+-20%"))
     assert priors["k_w"].wide and not priors["k_s"].wide
-    assert priors["m_w"] == known.Prior(4.0, known.MASS_SPREAD)
+    assert priors["m_w"] == known.Prior(4.0, known.GIVEN_SPREAD)
     assert priors["b_axis"] == known.Prior(150.0, 0.2)
     assert priors["m_axis"].spread == known.MASS_SPREAD and "force_per_count" not in priors
 

@@ -18,6 +18,7 @@ from forceaxis import files, linear, paths
 from forceaxis._core import InputError
 from forceaxis.commission import friction, friction_models, joint_fit, known
 from forceaxis.commission.friction_models import FrictionElement
+from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_fit import (
@@ -78,7 +79,9 @@ def recorded_friction(
     moving_N, slow, directions = found.moving_N, found.slow, found.directions
     if moving_N is None and found.dead_zone_codes:
         newton = known.newton_per_code(model, overrides)
-        moving_N = found.dead_zone_codes * newton if math.isfinite(newton) else None
+        # A code of a drive with an integral has no constant force.
+        integral = known.has_integral(model, MeasuringOrder.band_hz, overrides)
+        moving_N = None if integral else found.dead_zone_codes * newton
     counts: float | None = about.speed_rms  # rms speed in encoder counts/s or force counts/s
     if about.bias_N is not None:
         counts = about.speed_rms * (slow.compliance + slow.sliding) if slow else None

@@ -90,9 +90,8 @@ class Glide:
     between the two directions of motion in DAC codes. `rate` is the speed in counts/s for each DAC
     code beyond the dead zone.
 
-    `moving_N`: friction of guide and gear in N. `bias_N`: force in N that pulls the axis in the
-    negative direction in both directions of motion, such as a weight. Both are computed from the
-    current of the drive. They are None if the current is not measured.
+    `moving_N`: friction of guide and gear in N, computed from the current of the drive. It is None
+    if the current is not measured.
     """
 
     dead_zone: float
@@ -100,7 +99,6 @@ class Glide:
     rate: float
     codes: int  #: largest DAC code of the motions
     moving_N: float | None = None
-    bias_N: float | None = None
 
     @property
     def rubs(self) -> bool:
@@ -339,12 +337,12 @@ def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N:
     speeds, forces = (np.array(values) for values in zip(*((r.speed, r.force_N) for r in rows),
                                                          strict=True))  # fmt: skip
     table = np.column_stack([speeds, np.sign(speeds), np.ones(len(rows))])
-    _, friction_N, bias_N = np.linalg.lstsq(table, forces, rcond=None)[0]
+    _, friction_N, _ = np.linalg.lstsq(table, forces, rcond=None)[0]
     friction_N = float(friction_N)
     if friction_N < abs(resolution_N):
         return found
     dead_zone = max(found.dead_zone, friction_N / newton if newton else 0.0)
-    return replace(found, dead_zone=dead_zone, moving_N=friction_N, bias_N=float(bias_N))
+    return replace(found, dead_zone=dead_zone, moving_N=friction_N)
 
 
 def _of_motions(rows: list[_Motion]) -> Glide:

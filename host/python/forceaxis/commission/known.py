@@ -29,8 +29,8 @@ DRIVE_SPREADS = {
          "current_per_volt", "velocity_per_volt", "force_per_volt"), DRIVE_SPREAD,
     ),
     **dict.fromkeys(
-        ("bandwidth", "k_velocity", "integral_time", "damping_ratio", "tuned_mass",
-         "tuned_inertia", "k_act", "a_act", "holding_force"), 0.2,
+        ("bandwidth", "k_velocity", "integral_time", "damping_ratio", "tuned_inertia",
+         "k_act", "a_act", "holding_force"), 0.2,
     ),
     "current_bandwidth": 0.3, "damping": 0.3, "tuned_mass": 0.1,
 }  # fmt: skip

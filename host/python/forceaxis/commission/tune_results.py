@@ -71,7 +71,7 @@ class ResponseFigures:
 class GlideFigures:
     """The fields of a friction.Glide. `rubs` is True if the axis has friction out of contact. Dead
     zone and difference are in DAC codes, `rate` is in counts/s per DAC code. The friction
-    `moving_N` and the force `bias_N` are in N; they are None if the current is not measured."""
+    `moving_N` is in N; it is None if the current is not measured."""
 
     dead_zone: float
     rate: float
@@ -79,7 +79,6 @@ class GlideFigures:
     rubs: bool
     difference: float
     moving_N: float | None = None
-    bias_N: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
