@@ -231,6 +231,8 @@ class Analyzer:
         mean_s, width_s = sampling.ages_s() if sampling else (0.0, 0.0)
         self.ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
         self.sinc_order = sampling.sinc_order if sampling else 0
+        # number of ticks for which the firmware has the same sample of the force
+        self.held_ticks = math.ceil(TICKS_PER_S / sampling.rate_hz) if sampling else 1
         samples = round(TICKS_PER_S / self.order.resolution_hz)
         # The period of the excitation must be a whole number of bus cycles.
         self.samples = samples - samples % self.bus.cycle_ticks
@@ -310,7 +312,7 @@ class Analyzer:
                 f"{reading:.3g}; move the axis out of contact and set the tare"
             )  # fmt: skip
         is_at_end = raw.min() == 0 or raw.max() == 2**self.objects.adc_bits - 1
-        return Rest(reading, None if is_at_end else noise_of(raw), int(np.median(place)))
+        return Rest(reading, None if is_at_end else noise_of(raw, self.held_ticks), int(np.median(place)))
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
         """Measures the frequency response from the DAC code to the measured force, while the axis
@@ -326,7 +328,8 @@ class Analyzer:
         bias = self.press(force_N)
         self.bound(bias, "noise", self.samples)
         still = self.axis.capture(SIGNALS_IN_CONTACT, samples=self.samples)
-        level = Level(order.amplitude, bias, noise_of(still.values("force_raw")), of_loop=of_loop)
+        noise = noise_of(still.values("force_raw"), self.held_ticks)
+        level = Level(order.amplitude, bias, noise, of_loop=of_loop)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         rest = still.floats("dac_fine"), self._force_counts(still)
         self._measure(level, Excitation(self._pressed, FORCE, rest, order.swing * bias, seeds))
@@ -488,8 +491,10 @@ class Analyzer:
     def _steps(self, output: OutputSignal) -> response.Steps:
         code_step = 2.0 ** (DAC_BITS - self.objects.dac_bits)
         # A bus holds each position for one cycle, and with it the rounding error of the position.
-        held_step = math.sqrt(self.bus.cycle_ticks)
-        return code_step, (self.count_per_code if output is FORCE else held_step)
+        # A slow sensor holds each force in the same way.
+        if output is FORCE:
+            return code_step, self.count_per_code * math.sqrt(self.held_ticks)
+        return code_step, math.sqrt(self.bus.cycle_ticks)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
         """Searches the amplitude of the excitation. Returns it in DAC codes.
@@ -762,6 +767,13 @@ class Analyzer:
         if abs(self.axis.integer("position") - self.home) > STANDSTILL_CNT:
             self.axis.move(self.home)
         self.wait(0.2)
+
+
+def finest_resolution_hz() -> float:
+    """Returns the smallest distance of spectral lines in Hz with which the recorder can store a
+    complete period, also over a bus."""
+    most = min(_most_samples((*SIGNALS_IN_CONTACT, "position")), _most_samples(SIGNALS_APART) // 2)
+    return TICKS_PER_S / most
 
 
 def _most_samples(signals: Sequence[str]) -> int:

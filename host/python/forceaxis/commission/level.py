@@ -100,8 +100,12 @@ class Level:
         return self.measured_or_none
 
 
-def noise_of(raw: NDArray[np.int64 | np.float64]) -> float:
+def noise_of(raw: NDArray[np.int64 | np.float64], held: int = 1) -> float:
     """Returns the rms noise of a signal at standstill, in the unit of the signal. The noise is
     computed from differences of successive samples, so that a slow limit cycle between two codes
-    does not count as noise."""
-    return float(np.std(np.diff(raw)) / math.sqrt(2))
+    does not count as noise.
+
+    `held`: number of ticks for which the signal keeps each sample, if a converter with a clock of
+    its own is slower than the ticks. Differences are taken over this number of ticks.
+    """
+    return float(np.std(raw[held:] - raw[:-held])) / math.sqrt(2)

@@ -103,9 +103,14 @@ RESPONSE_BAND_FACTOR = 1.3
 # Highest frequency at which |S| is verified, divided by the bandwidth fT.
 VERIFIED_BAND_FACTOR = 3.0
 BAND_MAX_HZ = 400.0
+# Highest frequency of a response, divided by the rate of the force sensor.
+SAMPLED_BAND = 0.4
+BAND_RATIO_MIN = 20.0  # smallest ratio of the highest and the lowest frequency of a response
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
+# A `contact_force` of the axis that is less than this many times the noise is replaced.
+CONTACT_NOISE_MIN = 5.0
 # Smallest change of the force by the excitation, in ADC codes, if the measured force has no noise.
 ROUNDED_CODES_MIN = 16
 ROUNDING_LSB = 0.29  # rms error of rounding in codes
@@ -144,12 +149,13 @@ def check(tuning: TuningFolder) -> Checked:
     settings |= _approach_settings(tuning, held, facts)
     rest = analyzer_of(tuning).rest()
     _expect_noise(tuning, rest, facts)
-    settings |= _contact_settings(held, rest)
+    settings |= _contact_settings(tuning, held, rest, facts)
     if text := working.working(model, None, tuning.states).text:
         tuning.say(f"mode         {text}")
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
-    high = min(max(high, RESPONSE_BAND_FACTOR * highest), BAND_MAX_HZ)
+    high = min(max(high, RESPONSE_BAND_FACTOR * highest), _highest_hz(facts))
+    low = min(low, high / BAND_RATIO_MIN)
     return Checked(
         rest, settings, bank.keys(), (low, high), margins.active_law(axis).keys(),
         held.latency_ticks,
@@ -211,6 +217,13 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
     return {"force_scale": max(1, round(scale))}
 
 
+def _highest_hz(facts: PlantFacts) -> float:
+    """Returns the highest frequency of a response in contact. A force sensor with a clock of its
+    own does not show frequencies near half of its rate."""
+    sampling = facts.required_reading.sampling
+    return min(BAND_MAX_HZ, SAMPLED_BAND * sampling.rate_hz) if sampling else BAND_MAX_HZ
+
+
 def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
     """Returns a `position_gain` if the axis has none. It is computed from the critical gain of the
     model."""
@@ -255,18 +268,34 @@ def _expect_noise(tuning: TuningFolder, rest: Rest, facts: PlantFacts) -> None:
         )  # fmt: skip
 
 
-def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
+def _contact_settings(
+    tuning: TuningFolder, held: AxisSettings, rest: Rest, facts: PlantFacts
+) -> Settings:
     """Returns the lowest `contact_force` that the noise permits, if `contact_force` has the default
-    value.
+    value or one that the noise exceeds. Raises Refusal if the noise exceeds each `contact_force`
+    below the forces of the request.
 
     Below `contact_force`, the integral action does not work. With a larger `contact_force`, the
     force of a weak force law could stay there.
     """
-    if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
+    if rest.noise_lsb is None:
         return {}
-    counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
-    counts = max(counts, 2 * abs(rest.reading), CONTACT_COUNTS_MIN)
-    return {"contact_force": min(round(256 * counts) / 256, held.contact_force)}
+    noise = rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
+    own, delivered = held.contact_force, objects.default("contact_force")
+    least, least_N = CONTACT_NOISE_MIN * noise, min(tuning.order.forces)
+    newton_per_count = abs(facts.required_reading.per_count)
+    most = analyzer.FORCE_MIN_SHARE * least_N / newton_per_count
+    if least > most:
+        needed_N = least * newton_per_count / analyzer.FORCE_MIN_SHARE
+        raise Refusal(
+            "noise", f"expected a smallest force of at least {needed_N:.3g} N, so that contact can "
+            f"be told from the noise of the sensor, {noise * newton_per_count:.2g} N rms, got "
+            f"{least_N:g} N: give larger forces, or use a sensor with less noise"
+        )  # fmt: skip
+    if own != delivered and own >= least:
+        return {}
+    counts = max(CONTACT_NOISE_FACTOR * noise, 2 * abs(rest.reading), CONTACT_COUNTS_MIN)
+    return {"contact_force": round(256 * max(least, min(counts, most, max(own, least)))) / 256}
 
 
 def _approach_velocity(model: Path, facts: PlantFacts) -> int:
@@ -488,12 +517,12 @@ def verify(
     """Measures the responses again with the active filter bank. Also measures Ms of the loop with
     this filter bank."""
     _ensure_written(tuning, designed)
-    fT_Hz = designed.worst.fT_Hz
-    high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)
+    fT_Hz, most_hz = designed.worst.fT_Hz, _highest_hz(linear.facts(tuning.model))
+    high = most_hz if fT_Hz is None else VERIFIED_BAND_FACTOR * fT_Hz
     low, own = tuning.order.band_hz
-    order = replace(
-        tuning.order, band_hz=(low, max(high, own)), averages=max(5, tuning.order.averages // 2)
-    )
+    high = min(max(high, own), most_hz)
+    band_hz = (min(low, high / BAND_RATIO_MIN), high)
+    order = replace(tuning.order, band_hz=band_hz, averages=max(5, tuning.order.averages // 2))
     fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
     levels: dict[str, VerifiedResponse] = {}
     first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)

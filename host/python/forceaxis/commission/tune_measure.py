@@ -13,7 +13,7 @@ from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, measuring, sine_excitation
-from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges
+from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges, finest_resolution_hz
 from forceaxis.commission.friction_search import FORCE_TOLERANCE, LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
@@ -39,6 +39,7 @@ A = TypeVar("A", bound=Analyzer)
 
 # smallest number of averages with which the measurement of a response may end early
 AVERAGES_MIN = 5
+LINES_MIN = 25  # smallest number of spectral lines in the band, if the recorder permits it
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
 # An axis that has coasted farther than this many times the permitted travel is not moved back.
@@ -242,12 +243,19 @@ def measuring_order(
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
     return MeasuringOrder(
-        band_hz=order.band_hz, averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
+        band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz), averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
         within=FORCE_TOLERANCE if rubs else MeasuringOrder.within,
         most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),
     )  # fmt: skip
+
+
+def resolution_of(band_hz: tuple[float, float]) -> float:
+    """Returns the distance of the spectral lines in Hz. A narrow band has more of them than one
+    for each Hz, as far as the recorder can store a period."""
+    wanted = min(MeasuringOrder.resolution_hz, band_hz[1] / LINES_MIN)
+    return max(wanted, finest_resolution_hz())
 
 
 def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:
