@@ -21,6 +21,7 @@ from forceaxis.commission import (
     friction,
     friction_models,
     known,
+    machine_bounds,
     measuring,
     sine_excitation,
     tune,
@@ -130,10 +131,9 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
         for step in STEPS[:2]:
             work.run(step)
         scale = abs(linear.facts(work.model).required_encoder.scale)
-        assert (
-            max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
-            < (5.0 + 2 * tune.TuningOrder.travel_mm) * scale / 1e3
-        )
+        assert max(
+            abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max")
+        ) < 5e-3 * scale + 2 * machine_bounds.free_counts(work.model)
         found = tune_measure.moving_N(work, tune.FREE.result(work))
     assert found == pytest.approx(newton, rel=0.05, abs=0.3)
 
@@ -362,22 +362,26 @@ def test_a_motion_apart_over_a_bus_finds_the_speed_within_any_travel(tmp_path, t
     assert found.rate == pytest.approx(0.25 * 400e3 / 2048, rel=0.05)  # full speed, counts/m, codes
 
 
-def test_an_axis_that_covers_its_travel_at_once_needs_a_larger_travel(tmp_path):
+def test_an_axis_that_covers_its_travel_at_once_needs_the_named_travel(tmp_path):
     folder = drawn_axes.written(
         tmp_path / "axis", tune_study.BUS | {"encoder_counts_per_rev": 30000}
     )
-    with (
-        Axis(SimLink(folder / "contact.toml")) as axis,
-        Analyzer(axis, MeasuringOrder(travel=40)) as analyzer,
-        pytest.raises(Refusal, match="at 2 DAC codes the axis moves farther: give a larger travel"),
-    ):
-        friction.glide(analyzer, 64)
+    with Axis(SimLink(folder / "contact.toml")) as axis:
+        with (
+            Analyzer(axis, MeasuringOrder(travel=40)) as analyzer,
+            pytest.raises(Refusal, match="at 2 DAC codes the axis moves farther") as refused,
+        ):
+            friction.glide(analyzer, 64)
+        travel = int(re.search(r"give `travel` (\d+)$", refused.value.text)[1])
+        assert travel < 800
+        with Analyzer(axis, MeasuringOrder(travel=travel)) as analyzer:
+            assert friction.glide(analyzer, 64).rate > 0
 
 
 def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkeypatch):
     def moved(analyzer, code, *_):
         if code < -8:
-            raise friction._TooFast
+            raise friction._TooFast(500.0)
         return friction._Motion(code, 50.0 * code, math.nan)
 
     monkeypatch.setattr(friction, "_motion", moved)
@@ -397,7 +401,7 @@ def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkey
 def test_speeds_that_show_no_friction_are_refused(press, monkeypatch, speed, text):
     def moved(analyzer, code, *_):
         if abs(code) > 20:
-            raise friction._TooFast
+            raise friction._TooFast(500.0)
         found = speed(code)
         return None if found is None else friction._Motion(code, found, math.nan)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, get_args, get_type_hints
 import numpy as np
 import pytest
 import verbs
-from forceaxis import drawing, results
+from forceaxis import drawing, linear, results
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
@@ -22,11 +22,13 @@ from forceaxis.cli import live_options
 from forceaxis.commission import (
     analyzer,
     as_found,
+    machine_bounds,
     margins,
     tune,
     tune_fit,
     tune_folder,
 )
+from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
@@ -407,8 +409,6 @@ class Case(NamedTuple):
 
 
 REFUSED = {
-    "levels": Case(options={"--force": "30"}),
-    "force": Case(options={"--force-max": 105}),
     "adc": Case(options={"--model": "fine"}),
     "fault": Case(link=Faulty),
     "scale": Case(("firmware.force_scale=1000000",)),
@@ -467,12 +467,115 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
         assert summary["parameters"] is None and not (folder / "fit.json").exists()
         assert "--set" not in done.stdout + done.stderr
     assert refused["name"] == name
-    assert refused["text"] in done.stderr
+    assert refused["text"].partition("`")[0] in done.stderr  # then follows an option
     assert {n: (raw, before[n]) for n, raw in everything(axis).items() if raw != before[n]} == {}
     now = Axis(axis).get("drive_state", "command_source")
     assert now["drive_state"] in ("switch_on_disabled", "ready_to_switch_on", "fault")
     assert now["command_source"] == "canopen"
     assert not (folder / as_found.FOUND.name).exists()
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"--force": "30"}, ["--force: expected at least two forces, got 1"]),
+    # 100 N and a fifth of it
+    ({"--force-max": 105}, ["--force: expected forces below 87.5 N", "--force-max 122"]),
+    ({"--approach": "4"}, ["--approach: 4: expected a speed above 0 with its unit"]),
+    ({"--approach": "-4 mm/s"}, ["--approach: -4 mm/s: expected a speed above 0"]),
+])  # fmt: skip
+def test_a_wrong_option_ends_with_status_2_and_writes_nothing(plants, tmp_path, options, words):
+    """Status 1 is for a refusal of the machine."""
+    done = tuned(plants, tmp_path / "out", **options)
+    assert (done.returncode, done.stdout) == (2, "")
+    for word in words:
+        assert word in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+# Press of 20 kN, voice coil, belt gantry and the axis of README: stiffness of the contact, mass,
+# counts per metre, gap in m, and two forces.
+MACHINES = {
+    "press": ({
+        "drive": "velocity", "torque_constant_n_m_per_a": 0.92, "rotor_inertia_kg_m2": 7.2e-4,
+        "lead_mm_per_rev": 1.6667, "moving_mass_kg": 62, "full_scale_speed_m_per_s": 0.08,
+        "sensor_full_scale_n": 25000, "sensor_stiffness_n_per_m": 1.6e8,
+        "encoder_counts_per_rev": 10000, "workpiece_stiffness_n_per_m": 6e7,
+        "workpiece_mass_kg": 4, "approach_mm": 8,
+    }, (2000.0, 12000.0)),
+    "head": ({
+        "drive": "torque", "motor": "linear", "force_constant_n_per_a": 22, "moving_mass_kg": 1.6,
+        "sensor_full_scale_n": 150, "sensor_stiffness_n_per_m": 5e5,
+        "encoder_counts_per_mm": 2000, "workpiece_stiffness_n_per_m": 1.5e4,
+        "workpiece_mass_kg": 0.2, "approach_mm": 3,
+    }, (20.0, 60.0)),
+    "readme": (SHEET | KNOWN, FORCES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_the_bounds_are_those_of_the_machine(tmp_path, machine):
+    """No constant in newtons or millimetres fits a press of 20 kN and a voice coil."""
+    sheet, forces = MACHINES[machine]
+    values, sources = data_sheet.collect({k: str(v) for k, v in sheet.items()})
+    new.write(tmp_path / "axis", values, sources)
+    model = tmp_path / "axis/model.toml"
+    facts, scale = linear.facts(model), new.encoder_counts_per_m(values)
+    k_s, k_w = values.sensor_stiffness_n_per_m, values.workpiece_stiffness_n_per_m
+    # Half a sine of the mass on the spring: peak v sqrt(k m), a third of the least force.
+    speed = machine_bounds.approach_counts_per_s(model, facts, forces[0]) / scale
+    peak_N = speed * np.sqrt(k_s * values.total_mass_kg)
+    assert speed == pytest.approx(0.02) or peak_N == pytest.approx(forces[0] / 3, rel=0.05)
+    assert peak_N < 1.05 * forces[0] / 3
+    assert machine_bounds.impact_N(model, facts, speed * scale) == pytest.approx(peak_N, rel=0.01)
+    approach_s = values.approach_mm / 1e3 / speed
+    assert approach_s < 60
+    # The two springs in series, three times softer than in the model.
+    low, high = 0.6 * forces[0], 1.2 * forces[1]
+    squeeze = machine_bounds.squeeze_counts(model, low, high) / scale
+    assert squeeze == pytest.approx(3 * (high - low) * (1 / k_s + 1 / k_w), rel=0.05)
+    free = machine_bounds.free_counts(model)
+    assert 20 <= free <= 0.4 * values.approach_mm / 1e3 * scale + 1
+    assert free >= min(400, int(0.4 * values.approach_mm / 1e3 * scale))
+    order = MeasuringOrder(gap=machine_bounds.gap_counts(model))
+    assert 2 * approach_s < order.approach_s(speed * scale) < 3 * approach_s + 6
+
+
+@pytest.mark.parametrize(("per_mm", "bound", "counts", "text"), [
+    (400.0, "squeeze", 548, "give `squeeze_mm` 1.4"),
+    (400.0, "travel", 1200, "give `travel_mm` 3"),
+    (0.0, "travel", 871, "give `travel` 880"),
+    (0.0, "squeeze", 871, "give `travel` 880"),  # `measure` has one option for both
+    (160000.0, "squeeze", 2050, "give `squeeze_mm` 0.013"),
+])  # fmt: skip
+def test_a_refusal_names_the_value_that_would_do(per_mm, bound, counts, text):
+    assert MeasuringOrder(counts_per_mm=per_mm).wider(bound, counts) == text
+
+
+def test_a_soft_part_is_refused_with_the_squeeze_with_which_it_is_measured(plants, tmp_path):
+    given = order(plants, squeeze_mm=0.1)
+    with Axis(link(plants)) as axis:
+        for step in ("check", "free"):
+            tune.Tuning(axis, given, tmp_path).run(step)
+        with pytest.raises(Refusal, match="between the forces") as refused:
+            tune.Tuning(axis, given, tmp_path).run("measure")
+        needed = float(re.search(r"give `squeeze_mm` (\S+),", refused.value.text)[1])
+        # 60 % of 30 N to 120 % of 100 N on 4e5 N/m twice in series
+        assert 1e3 * (120 - 18) / 2e5 <= needed <= 1.5e3 * (120 - 18) / 2e5
+        axis.link.wait(30.0)  # the compressed contact has pushed the axis away
+        for step in ("check", "measure"):
+            tune.Tuning(axis, order(plants, squeeze_mm=needed), tmp_path).run(step)
+
+
+def test_the_approach_can_be_given_and_is_bounded_in_time(plants, tmp_path):
+    said = []
+    with Axis(link(plants)) as axis:
+        tuning = tune.Tuning(axis, order(plants, approach_mm_per_s=2.0), tmp_path, said.append)
+        tuning.run("check")
+        assert tune.CHECK.result(tuning).settings["approach_velocity_max"] == 2 * 160
+        # 2 mm/s times the root of 4e5 N/m and 50 kg + 0.0013 kg m^2 / (25 mm / 2 pi)^2
+        assert any("causes an impact of 14.5 N" in text for text in said)
+        slow = tune.Tuning(axis, order(plants, approach_mm_per_s=0.01), tmp_path / "slow")
+        with pytest.raises(Refusal, match=r"take 400 s.*or give `approach_mm_per_s` 0.018"):
+            slow.run("check")
 
 
 def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_path):

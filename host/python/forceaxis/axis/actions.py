@@ -380,7 +380,7 @@ def press(
         axis.put_back(**before)
     last = [sample.force for sample in samples[len(samples) // 2 :]]
     mean = sum(last) / len(last)
-    asked_N = abs(force.value) if force.newton else force.value * per_count
+    asked_N = force.value if force.newton else force.value * per_count
     return PressResult(
         asked_N=asked_N,
         not_held=_not_held(asked_N / per_count, last, per_count, has_bank),

@@ -99,7 +99,8 @@ def printed_streams() -> Iterator[None]:
 # Options whose name differs from the name of the library parameter: {parameter: option}.
 OTHER_NAMES = {
     "names": "--fit",
-    "states": "--mode", "overrides": "--set", "forces_N": "--force",
+    "states": "--mode", "overrides": "--set", "forces_N": "--force", "force_max_N": "--force-max",
+    "band_hz": "--band", "resolution_hz": "--resolution",
     "can": "--on", "modbus": "--on", "url": "--on",
 }  # fmt: skip
 

@@ -22,7 +22,14 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis import address as addresses
 from forceaxis.axis.address import Address, LcmAddress, SimAddress
-from forceaxis.cli.common import Callback, Subject, fail, set_axis_option, set_option
+from forceaxis.cli.common import (
+    Callback,
+    Subject,
+    fail,
+    options_in,
+    set_axis_option,
+    set_option,
+)
 from forceaxis.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -397,7 +404,8 @@ def errors(connection: AxisConnection | None = None) -> Iterator[None]:
         from forceaxis.commission.refusal import Refusal
 
         if isinstance(error, Refusal):
-            fail(str(error), status=1)
+            command = click.get_current_context().command
+            fail(options_in(command, str(error)), status=1)
         raise
 
 

@@ -267,6 +267,7 @@ def measure(
             settle_s=given(settle_s, MeasuringOrder.settle_s),
             force_max_N=given(force_max_N, MeasuringOrder.force_max_N),
             travel=given(travel, MeasuringOrder.travel),
+            squeeze=given(travel, MeasuringOrder.squeeze),
             amplitude=MeasuringOrder.amplitude if level is None else int(level),
             seed=given(seed, MeasuringOrder.seed),
         )

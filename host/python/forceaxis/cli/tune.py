@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from forceaxis import paths
+from forceaxis import _core, paths
+from forceaxis._core import InputError
 from forceaxis.cli import live_options
 from forceaxis.cli.common import (
     Folder,
@@ -21,6 +22,19 @@ from forceaxis.cli.common import (
 )
 from forceaxis.cli.live_options import AxisConnection
 from forceaxis.cli.measure import band, newtons
+
+
+def speed(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
+    """Return the speed in mm/s from the text of an option such as "4 mm/s". Raises InputError for
+    another text, or if the speed is not above 0."""
+    if text is None:
+        return None
+    value = _core.quantity_in(text, "m/s")
+    if value is None or not 0 < value < 10:
+        raise InputError(
+            f'--approach: {text}: expected a speed above 0 with its unit, such as "4 mm/s"'
+        )
+    return 1e3 * value
 
 
 @click.command(
@@ -73,7 +87,19 @@ from forceaxis.cli.measure import band, newtons
 @click.option(
     "--averages", type=click.IntRange(4, 64), help="Averages per frequency response. Default: 8."
 )
-@click.option("--travel-mm", type=Positive(), help="Travel bound of the excitation. Default: 1.")
+@click.option(
+    "--approach", "approach_mm_per_s", metavar="SPEED", callback=speed,
+    help='Speed of the approach, "4 mm/s". Default: that of the axis, at most such that the '
+    "impact is a third of the least force.",
+)  # fmt: skip
+@click.option(
+    "--travel-mm", type=Positive(),
+    help="Travel bound out of contact, mm. Default: from encoder, drive and backlash of MODEL.",
+)  # fmt: skip
+@click.option(
+    "--squeeze-mm", type=Positive(),
+    help="Travel bound in contact, mm. Default: three times the deflection of MODEL.",
+)  # fmt: skip
 @click.option("--only", help="Run this step only, even if it is done.")
 @click.option(
     "--out",
@@ -93,7 +119,9 @@ def tune(
     ms: float,
     band_hz: tuple[float, float] | None,
     averages: int | None,
+    approach_mm_per_s: float | None,
     travel_mm: float | None,
+    squeeze_mm: float | None,
     only: str | None,
     out: Path,
     as_json: bool,
@@ -110,9 +138,10 @@ def tune(
     The folder --out keeps the results of each step. After an interruption, the same command
     continues. After a kill, it first resets the fault of the axis and restores the parameters. A
     step that refuses prints its reason. The exit status is then 1, and the axis is disabled with
-    its earlier parameters. Objects that were never set on the axis (position_gain, force_scale,
-    approach_velocity_max, contact_force) are taken from MODEL and written with the bank. The
-    approach is made slower if its impact would be too hard. Nothing else changes.
+    its earlier parameters. After a wrong option it is 2. Objects that were never set on the axis
+    (position_gain, force_scale, approach_velocity_max, contact_force) are taken from MODEL and
+    written with the bank. The approach is made slower if its impact would exceed a third of the
+    least force. Nothing else changes.
 
     \b
     --json: {"parameters": {name: {"value", "interval", "unit"}},
@@ -134,7 +163,7 @@ def tune(
         model, forces, over, priors, states, ms, force_max_N,
         band_hz=given(band_hz, TuningOrder.band_hz),
         averages=given(averages, TuningOrder.averages),
-        travel_mm=given(travel_mm, TuningOrder.travel_mm),
+        travel_mm=travel_mm, squeeze_mm=squeeze_mm, approach_mm_per_s=approach_mm_per_s,
     )  # fmt: skip
     with live_options.owned(connection) as axis:
         steps = tuning.Tuning(

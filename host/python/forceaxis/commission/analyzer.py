@@ -36,6 +36,7 @@ from forceaxis.bus.client import Value
 from forceaxis.commission import known, response
 from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest, Samples, noise_of
 from forceaxis.commission.refusal import Refusal
+from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear.plant_facts import BusFacts
 from forceaxis.objects import BY_NAME
@@ -54,7 +55,6 @@ FORCE_MIN_SHARE = 0.5
 FORCE_MARGIN_SHARE = 0.1
 DAC_BITS = 12  # resolution in bits at which the output has whole DAC codes
 RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
-APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
@@ -238,22 +238,22 @@ class Analyzer:
         self.samples = samples - samples % self.bus.cycle_ticks
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:
-            raise Refusal(
-                "band",
+            raise ParameterError(
+                "band_hz",
                 f"expected a frequency band with 0 < low end < high end < 750 Hz, got {low:g} to "
                 f"{high:g} Hz",
             )
         self.lines = response.lines_of(self.samples, (low, high), TICKS_PER_S)
         if not len(self.lines):
-            raise Refusal(
-                "band",
+            raise ParameterError(
+                "band_hz",
                 "expected at least one line of the spectrum in the frequency band, got none; use "
                 "a smaller resolution in Hz",
             )
         most = _most_samples(SIGNALS_IN_CONTACT)
         if self.samples > most:
-            raise Refusal(
-                "resolution",
+            raise ParameterError(
+                "resolution_hz",
                 f"expected a frequency resolution of at least {TICKS_PER_S / most:.2g} Hz, so "
                 f"that the recorder can store a complete period, got {self.order.resolution_hz:g} "
                 "Hz"
@@ -357,7 +357,7 @@ class Analyzer:
             excitation_hold=self._hold_ticks(), excitation_seed=0,
             excitation_period=period, excitation_ramp=1e3 * RAMP_S,
             excitation_force_min=least / self.newton, excitation_force_max=most / self.newton,
-            excitation_travel=self.order.travel,
+            excitation_travel=self.order.squeeze,
         )  # fmt: skip
 
     def free(self) -> Level:
@@ -412,7 +412,8 @@ class Analyzer:
             raise Refusal(
                 "amplitude",
                 "expected an excitation amplitude at which force and travel of the axis stay "
-                f"within their bounds, but the axis ended each excitation: {ends}",
+                f"within their bounds, but the axis ended each excitation: {ends}"
+                + self._remedy(level),
             )
         output = excitation.output
         found = response.estimate(r, u, y, self.lines, self._steps(output))
@@ -548,11 +549,28 @@ class Analyzer:
             raise Refusal(
                 ended.reason.removeprefix("ended_"),
                 "expected an excitation that keeps force and travel within their bounds, but an "
-                f"amplitude of {amplitude} DAC codes exceeds a bound",
+                f"amplitude of {amplitude} DAC codes exceeds a bound{self._remedy(level)}",
             )
         if level.bias_N is not None:
             self.standing()
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
+
+    def _remedy(self, level: Level) -> str:
+        """Returns the end of a text about excitations that were ended. It names the bound that was
+        exceeded last, and the option with which it would be wider."""
+        why, order = level.aborts[-1].why, self.order
+        if why == "ended_travel":
+            bound = "travel" if level.bias_N is None else "squeeze"
+            counts = getattr(order, bound)
+            where = "out of contact" if level.bias_N is None else "in contact"
+            return f", the travel of {counts} counts {where}; {order.wider(bound, 2 * counts)}"
+        if why.startswith("ended_force"):
+            return (
+                f", a force of {FORCE_MIN_SHARE + FORCE_MARGIN_SHARE:g} times the set-point or the "
+                f"force bound of {order.force_max_N:g} N; give a larger `force_max_N` or other "
+                "forces"
+            )
+        return ""
 
     def _force_counts(self, held: Recording) -> Samples:
         """Returns the signal of the force sensor in force counts. Its zero code and its sign are
@@ -595,10 +613,19 @@ class Analyzer:
             return bool(state.contact or state.contact_losses > before)
 
         before = self.axis.integer("contact_losses")
+        rate = self.axis.number("approach_velocity_max")
         try:
-            self.axis.wait_for(TouchObjects, touches, "a contact", APPROACH_TIMEOUT_S)
+            self.axis.wait_for(TouchObjects, touches, "a contact", self.order.approach_s(rate))
         except NoAnswer as late:
-            raise Refusal("contact", str(late)) from None
+            why = ""
+            if self.order.gap and self.order.counts_per_mm:
+                mm, speed = (v / self.order.counts_per_mm for v in (self.order.gap, rate))
+                why = (
+                    f"; in the model the distance is {mm:.3g} mm, and approach_velocity_max is "
+                    f"{speed:.3g} mm/s: start nearer to the workpiece, correct `approach` of the "
+                    "model, or give a larger `approach_mm_per_s`"
+                )
+            raise Refusal("contact", f"{late}{why}") from None
         if fastest > self.objects.contact_loss_cap:
             self.set(contact_loss_cap=fastest)
 

@@ -181,9 +181,9 @@ class Touching(Analyzer):
         return super().press(force_N)
 
     def _leave(self) -> None:
-        """Moves the axis back until it is out of contact. The distance is at most the permitted
-        travel."""
-        axis, travel = self.axis, self.order.travel
+        """Moves the axis back until it is out of contact. The distance of each move is at most the
+        permitted travel."""
+        axis, travel = self.axis, max(self.order.travel, self.order.squeeze)
         self.set(position_window=self.window())
         axis.enable("profile position")
         for _ in range(MOVES_MAX):

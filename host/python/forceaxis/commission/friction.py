@@ -46,6 +46,7 @@ ENOUGH_TRAVELS = 1.2
 # TRAVELS_MAX: a motion ends after this many times the travel.
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
+SPEED_SAMPLES = 30  # number of the last samples from which the speed of a too fast motion follows
 # a smaller change of the position, in encoder counts, is not regarded as a motion
 MOTION_MIN_CNT = 6
 DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone, in DAC codes, is not regarded as friction
@@ -56,6 +57,8 @@ NOISE_SLIDES = 2.5
 # LEG_S and LEG_SAMPLES: duration in s and number of samples while the force rises.
 # LEG_S and LEG_SAMPLES also apply while the force falls.
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
+# The travel that a Refusal recommends, divided by the travel that was needed.
+WIDER_FACTOR = 1.3
 # Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
@@ -215,7 +218,11 @@ class _Motion:
 
 class _TooFast(Exception):
     """Exception: with this DAC code, the axis is so fast that its speed cannot be measured within
-    the travel."""
+    the travel. `travel`: distance to both sides, in encoder counts, with which it can be."""
+
+    def __init__(self, travel: float) -> None:
+        super().__init__(travel)
+        self.travel = travel
 
 
 def damping(friction_N: float, speed_rms: float) -> float:
@@ -271,7 +278,7 @@ def glide(
     most = max(SMALLEST_CODE, most)
     highest = max(SMALLEST_CODE, highest or min(16 * most, 2048))
     code = max(SMALLEST_CODE, first)
-    too_fast = 0  # last DAC code with which the axis was too fast
+    too_fast, more = 0, ""  # last DAC code with which the axis was too fast, and the remedy
 
     def move(code: int) -> _Motion | None:
         return _motion(analyzer, code, travel, drive)
@@ -289,12 +296,13 @@ def glide(
                     others = [move(c) for c in (-code, smaller, -smaller)]
                     rows = [forward, *(one for one in others if one is not None)]
                     break
-            except _TooFast:
+            except _TooFast as fast:
+                more = analyzer.order.wider("travel", WIDER_FACTOR * fast.travel)
                 if code == SMALLEST_CODE:
                     raise Refusal(
                         "travel", f"expected an axis that moves by at most {travel} counts to "
                         f"both sides within {SETTLED_S + RECORD_MIN_S:g} s, but at {code} DAC "
-                        "codes the axis moves farther: give a larger travel"
+                        f"codes the axis moves farther: {more}"
                     ) from None  # fmt: skip
                 too_fast, code = code, max(SMALLEST_CODE, round(code / 1.5))
                 continue
@@ -302,7 +310,7 @@ def glide(
                 raise Refusal(
                     "travel", "expected a DAC code at which the axis slides slowly within "
                     f"{travel} counts to both sides, but at {too_fast} codes it is too fast for a "
-                    f"speed to be measured, and at {code} it does not slide: give a larger travel"
+                    f"speed to be measured, and at {code} it does not slide: {more}"
                 )  # fmt: skip
             if forward is None and code >= highest:
                 newton = drive.newton_per_code * code
@@ -391,11 +399,13 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
             late = drive.rate * abs(code) * (2 * POSITION_POLL_S + sum(analyzer.bus) / TICKS_PER_S)
             axis.link.recording(5.0)  # ends the recording, so that the next one can be armed
             if abs(state.position - analyzer.home) <= TRAVELS_MAX * travel + late:
-                raise _TooFast
+                fastest = max(drive.rate * abs(code), late / POSITION_POLL_S)
+                raise _TooFast(fastest * (SETTLED_S + RECORD_MIN_S) / (2 * TRAVEL_SHARE))
             raise Refusal(
                 "travel", f"expected the axis to stay within {travel} counts of the start "
                 f"position at {code} DAC codes, but the axis moves further: the speed does not "
-                "correspond to the DAC code; check the drive, or give a larger travel"
+                "correspond to the DAC code; check the drive, or "
+                + analyzer.order.wider("travel", WIDER_FACTOR * abs(state.position - analyzer.home))
             )  # fmt: skip
         if state.contact:
             analyzer.refuse_contact()
@@ -408,7 +418,10 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
     if last - first < RECORD_MIN_S * TICKS_PER_S:
-        raise _TooFast
+        # The axis accelerates, so the speed at the end is the largest one.
+        recent = place[max(0, last - SPEED_SAMPLES) : max(last, 2)]
+        speed = abs(recent[-1] - recent[0]) * TICKS_PER_S / (len(recent) - 1)
+        raise _TooFast(speed * (SETTLED_S + RECORD_MIN_S) / (2 * TRAVEL_SHARE))
     if abs(place[last - 1] - place[first]) < MOTION_MIN_CNT:
         return None
     time_s = np.arange(first, last) / TICKS_PER_S
@@ -430,7 +443,7 @@ def record_slow_change(
     """
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
-    start, travel = axis.integer("position"), analyzer.order.travel
+    start, travel = axis.integer("position"), analyzer.order.squeeze
     target = axis.number("target_force") * 1e-3 * rated_N / reached_N
     if abs(target - 1) < FORCE_ERROR_MIN:
         target = 1.0
@@ -440,12 +453,16 @@ def record_slow_change(
     def expect_near() -> None:
         way = abs(axis.integer("position") - start)
         if way > travel:
+            force_N = axis.number("force") * analyzer.newton
             axis.disable()
+            # the travel between the two forces, if the compliance stays as it was so far
+            needed = way * max(1.0, (high_N - low_N) / max(abs(force_N - reached_N), 1e-9))
             raise Refusal(
                 "travel",
-                f"expected at most {travel} counts of travel between the forces {low_N:g} and "
-                f"{high_N:g} N, got {way}: the structure is soft in this range of force; give a "
-                "larger travel, or forces that differ less"
+                f"expected at most {travel} counts of travel between the forces {low_N:.4g} and "
+                f"{high_N:.4g} N, got about {needed:.3g}: the structure is softer than expected; "
+                f"{analyzer.order.wider('squeeze', WIDER_FACTOR * needed)}, or forces that differ "
+                "less"
             )  # fmt: skip
 
     legs = []

@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 from forceaxis.identify.measurement import Measurement
 
 MOST_CODES = 1024
+# Longest time in s until the first contact, if the distance to the workpiece is not known.
+APPROACH_MAX_S = 60.0
+# If it is known, the longest time is APPROACH_FACTOR times the time of the approach, plus
+# APPROACH_MORE_S in s, in which the axis starts.
+APPROACH_FACTOR, APPROACH_MORE_S = 3.0, 5.0
 
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
@@ -27,7 +32,13 @@ class MeasuringOrder:
     fewest: int = 0
     settle_s: float = 1.0
     force_max_N: float = math.inf
-    travel: int = 500  #: largest distance from the start position, in encoder counts
+    #: largest distance from the start position out of contact, in encoder counts
+    travel: int = 500
+    #: largest distance in contact from the position at which the axis stands, in encoder counts
+    squeeze: int = 500
+    #: encoder counts per mm of the options that set `travel` and `squeeze`; 0: they are in counts
+    counts_per_mm: float = 0.0
+    gap: float = 0.0  #: distance to the workpiece in encoder counts; 0: it is not known
     #: Amplitude of the excitation in DAC codes.
     #: If the amplitude is 0, the Analyzer searches it, beginning at `first`.
     amplitude: int = 0
@@ -41,6 +52,24 @@ class MeasuringOrder:
     swing: float = 0.4  #: peak-to-peak range of the force, divided by the bias force
     #: a force has settled if its relative difference from the set-point is below this value
     within: float = 0.05
+
+    def wider(self, bound: str, counts: float) -> str:
+        """Returns a text that names the option for the bound `bound` ("travel" or "squeeze"), with
+        the value for `counts` encoder counts, rounded up to two digits."""
+        name, value = bound, counts
+        if self.counts_per_mm:
+            name, value = f"{bound}_mm", counts / self.counts_per_mm
+        elif bound == "squeeze":
+            name = "travel"  # without a model, one option in counts sets both bounds
+        step = 10.0 ** (math.floor(math.log10(max(value, 1e-9))) - 1)
+        return f"give `{name}` {math.ceil(value / step - 1e-9) * step:.6g}"
+
+    def approach_s(self, counts_per_s: float) -> float:
+        """Returns the longest time in s until the first contact, at an approach speed in encoder
+        counts/s. If the distance is not known, it is APPROACH_MAX_S."""
+        if not self.gap:
+            return APPROACH_MAX_S
+        return APPROACH_FACTOR * self.gap / max(counts_per_s, 1.0) + APPROACH_MORE_S
 
 
 @dataclass(frozen=True)

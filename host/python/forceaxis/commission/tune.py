@@ -29,6 +29,7 @@ from forceaxis.commission import (
     as_found,
     contact,
     known,
+    machine_bounds,
     margins,
     tune_fit,
     tune_measure,
@@ -55,6 +56,7 @@ from forceaxis.commission.tune_measure import (
     next_amplitude,
     objects_of,
     take_response,
+    with_measured_way,
 )
 from forceaxis.commission.tune_results import (
     Checked,
@@ -74,9 +76,9 @@ from forceaxis.commission.tune_results import (
 from forceaxis.design import experiment_file, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.certificate import NoPFigures, PFigures
-from forceaxis.design.changes import Design
-from forceaxis.design.grid import HF_DEFAULT, hf_most
+from forceaxis.design.grid import hf_of_noise
 from forceaxis.design.outcome import DesignResult
+from forceaxis.errors import ParameterError
 from forceaxis.identify.distributions import normal_bound
 from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
@@ -114,8 +116,8 @@ CONTACT_NOISE_MIN = 5.0
 # Smallest change of the force by the excitation, in ADC codes, if the measured force has no noise.
 ROUNDED_CODES_MIN = 16
 ROUNDING_LSB = 0.29  # rms error of rounding in codes
-# Permitted peak force in N that the momentum of the axis alone causes at a first contact.
-IMPACT_PEAK_N = 10.0
+# Longest time in s of an approach over the distance of the model.
+APPROACH_LONGEST_S = 300.0
 # A text names the limiting bound if the bandwidth is below this factor times that of the P law.
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
@@ -174,8 +176,8 @@ def check_line(tuning: TuningFolder, done: Checked) -> str:
 
 
 def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
-    """Raises Refusal if the axis has a fault, if its ADC differs from the model, or if a force of
-    the request is beyond its limits."""
+    """Raises Refusal if the axis has a fault, or if its ADC differs from the model. Raises
+    InputError if a force of the request is beyond the range of the axis."""
     if held.fault != "none":
         left = f"; {REMEDY_AFTER_KILL}" if held.fault in ORPHANED else ""
         raise Refusal(
@@ -191,15 +193,8 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
             "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, but the axis "
             f"has adc_bits = {held.adc_bits}: correct adc_bits or the model"
         )  # fmt: skip
-    largest_N = max(tuning.order.forces)
-    most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
-    if largest_N >= most_N:
-        raise Refusal(
-            "force", f"expected forces below {most_N:.4g} N, so that force and excitation together "
-            f"stay below force_max, got {largest_N:g} N"
-        )  # fmt: skip
     bounds.expect_readable(
-        tuning.axis, largest_N, analyzer.SWING, abs(facts.required_reading.per_count)
+        tuning.axis, max(tuning.order.forces), analyzer.SWING, abs(facts.required_reading.per_count)
     )
 
 
@@ -238,17 +233,39 @@ def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
     """Returns an `approach_velocity_max` that is computed from the model, if the axis has the
-    default value or if its value gives the axis too much momentum."""
-    slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
-    delivered = objects.default("approach_velocity_max")
-    if own <= slow and own != delivered:
-        return {}
-    if own != delivered:
+    default value or if its value gives the axis too much momentum. A speed of the request replaces
+    it. Raises Refusal if the approach would take longer than APPROACH_LONGEST_S."""
+    model, least_N = tuning.model, min(tuning.order.forces)
+    slow = machine_bounds.approach_counts_per_s(model, facts, least_N)
+    own, delivered = held.approach_velocity_max, objects.default("approach_velocity_max")
+    per_mm = 1e-3 * abs(facts.required_encoder.scale)
+    settings: Settings = {"approach_velocity_max": slow}
+    if tuning.order.approach_mm_per_s is not None:
+        slow = max(1, round(tuning.order.approach_mm_per_s * per_mm))
+        impact = machine_bounds.impact_N(model, facts, slow)
         tuning.say(
-            f"approach_velocity_max becomes {slow} counts/s, it was {own:g}: with this speed the "
-            f"momentum of the axis alone would cause an impact of more than {IMPACT_PEAK_N:g} N"
+            f"approach at {slow / per_mm:.3g} mm/s as given: by the model, the momentum of the "
+            f"axis alone causes an impact of {impact:.3g} N"
         )
-    return {"approach_velocity_max": slow}
+        settings = {} if slow == own else {"approach_velocity_max": slow}
+    elif own <= slow and own != delivered:
+        slow, settings = int(own), {}
+    elif own != delivered:
+        tuning.say(
+            f"approach_velocity_max becomes {slow / per_mm:.3g} mm/s, it was {own / per_mm:.3g}: "
+            "with this speed the momentum of the axis alone would cause an impact of "
+            f"{machine_bounds.impact_N(model, facts, own):.3g} N, above "
+            f"{machine_bounds.IMPACT_SHARE:.2g} times the least force"
+        )
+    gap = machine_bounds.gap_counts(model)
+    if gap > APPROACH_LONGEST_S * slow:
+        raise Refusal(
+            "approach", f"expected an approach of at most {APPROACH_LONGEST_S:g} s, but at "
+            f"{slow / per_mm:.3g} mm/s the {gap / per_mm:.3g} mm of the model take "
+            f"{gap / slow:.3g} s: start nearer to the workpiece and correct `approach` of the "
+            f"model, or give `approach_mm_per_s` {1.1 * gap / APPROACH_LONGEST_S / per_mm:.2g}"
+        )  # fmt: skip
+    return settings
 
 
 def _expect_noise(tuning: TuningFolder, rest: Rest, facts: PlantFacts) -> None:
@@ -296,22 +313,6 @@ def _contact_settings(
         return {}
     counts = max(CONTACT_NOISE_FACTOR * noise, 2 * abs(rest.reading), CONTACT_COUNTS_MIN)
     return {"contact_force": round(256 * max(least, min(counts, most, max(own, least)))) / 256}
-
-
-def _approach_velocity(model: Path, facts: PlantFacts) -> int:
-    """Returns the approach speed in counts/s at which the momentum of the axis causes the peak
-    force IMPACT_PEAK_N in the spring of the contact."""
-    with Design(str(model)) as plant:
-        contact = plant.tables.contact
-        stiffness = plant.value(contact.stiffness) if contact else None
-    if not stiffness or contact is None:
-        raise InputError(
-            f"{model}: contact: expected a model with exactly one contact that has a stiffness"
-        )
-    far = contact.between[1]
-    moving = facts.moving_kg(far)
-    speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * moving))
-    return max(1, round(speed * abs(facts.required_encoder.scale)))
 
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
@@ -432,11 +433,10 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
         return None
     noise = max(checked.rest.noise_lsb, ROUNDING_LSB)
     bits = linear.facts(tuning.model).required_reading.bits
-    most = hf_most(bits)
     # Rms value of uniform noise with the largest amplitude at which the drive stays linear.
     rms_codes = known.NOISE_PEAK_FACTOR * known.linear_codes(tuning.model) / math.sqrt(3)
     linear_gain = rms_codes / (noise * 2.0 ** (8 - bits))
-    return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
+    return min(hf_of_noise(bits, noise), linear_gain)
 
 
 def simulate(
@@ -520,9 +520,10 @@ def verify(
     fT_Hz, most_hz = designed.worst.fT_Hz, _highest_hz(linear.facts(tuning.model))
     high = most_hz if fT_Hz is None else VERIFIED_BAND_FACTOR * fT_Hz
     low, own = tuning.order.band_hz
+    order = with_measured_way(tuning, tuning.order, measured.between.way)
     high = min(max(high, own), most_hz)
     band_hz = (min(low, high / BAND_RATIO_MIN), high)
-    order = replace(tuning.order, band_hz=band_hz, averages=max(5, tuning.order.averages // 2))
+    order = replace(order, band_hz=band_hz, averages=max(5, order.averages // 2))
     fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
     levels: dict[str, VerifiedResponse] = {}
     first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
@@ -700,10 +701,28 @@ AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
-    "seed": "free",
+    "squeeze_mm": "measure", "approach_mm_per_s": "measure", "seed": "free",
 }  # fmt: skip
 # names of objects, in the order of the fields of a TuningIdentity
 AXIS_KEYS = ("object_table_hash", "serial_number")
+
+
+def _expect_forces(order: TuningOrder) -> None:
+    """Raises InputError for a request with a single force, or with a force that exceeds its bound
+    together with the excitation."""
+    if len(order.forces) < 2:
+        raise ParameterError(
+            "forces", f"expected at least two forces, got {len(order.forces)}: a single force does "
+            "not show which properties depend on the force; give for example 30 and 150"
+        )  # fmt: skip
+    most_N = order.force_max_N / (1 + analyzer.SWING / 2)
+    if max(order.forces) >= most_N:
+        needed_N = 1.01 * max(order.forces) * (1 + analyzer.SWING / 2)
+        raise ParameterError(
+            "forces", f"expected forces below {most_N:.4g} N, so that force and excitation "
+            f"together stay below `force_max_N`, got {max(order.forces):g} N; give smaller "
+            f"forces or `force_max_N` {math.ceil(needed_N)}"
+        )  # fmt: skip
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
@@ -731,6 +750,7 @@ class Tuning(TuningFolder):
         self, axis: Axis, order: TuningOrder, folder: str | Path,
         say: as_found.Say = as_found.say_nothing,
     ) -> None:  # fmt: skip
+        _expect_forces(order)
         super().__init__(axis, order, folder, say)
         self.step = STEPS[0]
         # Names of steps that are done and stay valid when an earlier step runs again.
@@ -811,12 +831,6 @@ class Tuning(TuningFolder):
         its previous parameters."""
         self.step = only or STEPS[0]
         try:
-            if len(self.order.forces) < 2:
-                raise Refusal(
-                    "levels", f"expected at least two forces, got {len(self.order.forces)}: a "
-                    "single force does not show which properties depend on the force; give for "
-                    "example 30 and 150"
-                )  # fmt: skip
             with as_found.restoring(self):
                 for self.step in (only,) if only else STEPS:
                     self._do(STEP_TABLE[self.step], bool(only))

@@ -49,7 +49,9 @@ class TuningOrder:
     or NAME=LOW..HIGH. `priors`: texts NAME=VALUE or NAME=VALUE+-PERCENT%, which replace prior
     values of the model. `states`: states in which the model is linearised, as texts ELEMENT=STATE.
     `ms`: largest permitted Ms. `averages`: number of averages for each response. `travel_mm`:
-    largest motion in mm that the excitation may cause. `seed`: seed of the noise.
+    largest motion in mm out of contact, and `squeeze_mm`: in contact. `approach_mm_per_s`: speed of
+    the approach. If one of these three is None, it follows from the model (machine_bounds). `seed`:
+    seed of the noise.
     """
 
     model: str
@@ -61,7 +63,9 @@ class TuningOrder:
     force_max_N: float = math.inf
     band_hz: tuple[float, float] = (1.0, 100.0)
     averages: int = 8
-    travel_mm: float = 1.0
+    travel_mm: float | None = None
+    squeeze_mm: float | None = None
+    approach_mm_per_s: float | None = None
     seed: int = 1
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import friction, known, measuring, sine_excitation
+from forceaxis.commission import friction, known, machine_bounds, measuring, sine_excitation
 from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges, finest_resolution_hz
+from forceaxis.commission.friction import TRAVEL_MIN_CNT
 from forceaxis.commission.friction_search import FORCE_TOLERANCE, LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
@@ -107,6 +108,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= force_objects(tuning)
     between, law = _between(tuning, law, order, free.glide.rubs)
+    order = with_measured_way(tuning, order, between.way)
     workpiece_rubs = between.friction_N > 0
     shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
     rubs = workpiece_rubs or free.glide.rubs
@@ -155,7 +157,7 @@ def _between(
     """Changes the force slowly over all forces and over the range of the excitation. Returns two
     values: the result of this change, and the settings `law` with the present `contact_loss_cap` of
     the axis. `rubs`: True if guide or gear have dry friction."""
-    low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
+    low, high = forces_between(order)
     with analyzing(tuning, law, measuring_order(tuning, order, rubs=rubs), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
         # An axis that is still in contact does not approach again.
@@ -241,11 +243,15 @@ def measuring_order(
     default that of `tuning`. `first`, `amplitude`, `rubs`: values of these fields of
     MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
-    scale = abs(linear.facts(model).required_encoder.scale)
+    counts_per_mm = 1e-3 * abs(linear.facts(model).required_encoder.scale)
     return MeasuringOrder(
-        band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz), averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
+        band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz),
+        averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
-        travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
+        travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
+        squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),
+        counts_per_mm=counts_per_mm, gap=machine_bounds.gap_counts(tuning.model),
+        seed=order.seed, first=first,
         within=FORCE_TOLERANCE if rubs else MeasuringOrder.within,
         most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),
     )  # fmt: skip
@@ -256,6 +262,42 @@ def resolution_of(band_hz: tuple[float, float]) -> float:
     for each Hz, as far as the recorder can store a period."""
     wanted = min(MeasuringOrder.resolution_hz, band_hz[1] / LINES_MIN)
     return max(wanted, finest_resolution_hz())
+
+
+def _per_mm(tuning: TuningFolder) -> float:
+    return 1e-3 * abs(linear.facts(tuning.model).required_encoder.scale)
+
+
+def free_travel_mm(tuning: TuningFolder, order: TuningOrder) -> float:
+    """Returns the largest travel in mm out of contact, of the request or from the model."""
+    if order.travel_mm is not None:
+        return order.travel_mm
+    return machine_bounds.free_counts(tuning.model) / _per_mm(tuning)
+
+
+def squeeze_mm(tuning: TuningFolder, order: TuningOrder) -> float:
+    """Returns the largest travel in mm in contact, of the request or from the model."""
+    if order.squeeze_mm is not None:
+        return order.squeeze_mm
+    return machine_bounds.squeeze_counts(tuning.model, *forces_between(order)) / _per_mm(tuning)
+
+
+def forces_between(order: TuningOrder) -> tuple[float, float]:
+    """Returns the smallest and the largest force in N of a measurement with all forces of the
+    request and the range of the excitation."""
+    return LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
+
+
+def with_measured_way(
+    tuning: TuningFolder, order: TuningOrder, way: tuple[float, ...]
+) -> TuningOrder:
+    """Returns the request with a travel in contact that permits the measured motion between the
+    forces. `way`: positions in encoder counts during this motion. A travel that the user has given
+    does not change."""
+    if order.squeeze_mm is not None:
+        return order
+    measured = machine_bounds.MEASURED_FACTOR * (max(way) - min(way)) / _per_mm(tuning)
+    return replace(order, squeeze_mm=max(squeeze_mm(tuning, order), measured))
 
 
 def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:

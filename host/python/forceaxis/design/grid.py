@@ -142,6 +142,17 @@ def hf_most(adc_bits: int) -> float:
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
+def hf_of_noise(adc_bits: int, noise_codes: float) -> float:
+    """Returns the largest gain at high frequency that a design uses by default, in DAC codes per
+    8-bit count, for a noise of the measured force in ADC codes, rms.
+
+    The bound of the firmware assumes a noise of one ADC code. With another noise, the bound is such
+    that the noise of the command is the same. It is at least HF_DEFAULT, as without a known noise.
+    """
+    most = hf_most(adc_bits)
+    return min(most, max(HF_DEFAULT, most / max(1.0, noise_codes)))
+
+
 @dataclass
 class Grid:
     """Frequency responses of a set of plants on a grid of frequencies.
