@@ -106,6 +106,51 @@ def test_the_window_is_in_contact_from_no_friction_to_twice(
     assert done["metrics"]["final_force_N"] > 5
 
 
+# A press of 20 kN: the gap of 8 mm with a set-point that moves it at 0.2 mm/s took 366 s.
+PRESS = {
+    "drive": "velocity", "torque_constant_n_m_per_a": 0.92, "rotor_inertia_kg_m2": 7.2e-4,
+    "motor_peak_current_a": 14, "lead_mm_per_rev": 1.6667, "moving_mass_kg": 62,
+    "guide_coulomb_n": 260, "inclination_deg": -90, "full_scale_speed_m_per_s": 0.08,
+    "sensor_full_scale_n": 25000, "sensor_stiffness_n_per_m": 1.6e8, "sensor_bits": 24,
+    "workpiece_stiffness_n_per_m": 6e7, "workpiece_mass_kg": 4, "approach_mm": 8,
+}  # fmt: skip
+
+
+def test_the_contact_of_a_press_takes_seconds(tmp_path):
+    said = written(tmp_path, **PRESS)
+    contact = tomllib.loads((tmp_path / "mine/contact.toml").read_text())
+    # 6250 N at 3.2 codes a count, of 2048 codes at 80 mm/s: 8 mm in 2 s
+    speed = said.force_gain * said.force_setpoint / 2048 * 0.08
+    assert contact["duration_s"] < 4 * 0.008 / speed + 10
+    assert ran(tmp_path, "contact.toml")["verdict"] == "stable"
+
+
+@pytest.mark.parametrize("approach_mm", [100, 1000])
+def test_a_long_approach_is_fast_enough_or_begins_nearer(tmp_path, approach_mm):
+    written(tmp_path, **PRESS | {"approach_mm": approach_mm, "full_scale_speed_m_per_s": 0.005})
+    contact = tomllib.loads((tmp_path / "mine/contact.toml").read_text())
+    assert contact["duration_s"] <= 60
+    done = ran(tmp_path, "contact.toml")
+    assert done["verdict"] == "stable"
+    assert done["metrics"]["first_contact_s"] < 30
+
+
+@pytest.mark.parametrize("sheet", ["small stage", "belt axis", "defaults"])
+def test_the_verdict_is_about_the_force_that_was_wanted(tmp_path, sheet):
+    """A part that gives way, and a gain that holds little, were stable on every map."""
+    result = made(tmp_path, SHEETS[sheet] + " --workpiece-stiffness-n-per-m 1e6 --force")
+    held = ran(tmp_path, "contact.toml")
+    assert held["verdict"] == "stable"
+    expected = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["expect"]
+    assert held["metrics"]["held_force"]["held_N"] == pytest.approx(expected["held_force_N"], 1e-2)
+    if result["held_share"] == 1:
+        return
+    soft = ran(tmp_path, "contact.toml", "k_w=20")
+    weak = ran(tmp_path, "contact.toml", f"firmware.force_gain={result['force_gain'] / 8}")
+    for done in (soft, weak):
+        assert done["verdict"] in ("not_met", "never_in_contact", "unstable")
+
+
 def test_a_friction_that_no_setpoint_overcomes_is_said(tmp_path):
     """At three quarters of the sensor's range this law pushes with some 690 N, and the run without
     that friction stays one of contact."""
@@ -254,12 +299,35 @@ def test_the_law_of_a_soft_part_does_not_pump(tmp_path):
     assert {one["limit"] for one in pumps["missed"]} == {"contact_losses_max", "peak_force_max_N"}
 
 
-def test_an_inductance_that_no_motor_has_is_said(tmp_path):
-    """1 H over 1 ohm is a second; 2 mH over 1 ohm, the default, 2 ms."""
-    (doubt,) = made(tmp_path, "--inductance-h 1 --current-loop-hz 1000")["doubts"]
-    assert "inductance of 1 H over the resistance of 1 ohm is an electrical time constant" in doubt
-    assert " of 1 s," in doubt
-    assert made(tmp_path, "--force")["doubts"] == []
+@pytest.mark.parametrize(("given", "words"), [
+    # 1 H over 1 ohm is a second; 2 mH over 1 ohm, the default, 2 ms.
+    ({"inductance_h": 1, "current_loop_hz": 1000}, "electrical time constant, inductance over "
+     "resistance, is 1 s, usual is 2e-05 to 0.1 s"),
+    # 5 mm given in m: the rotor of 5e-5 kg m^2 is 7.9e7 kg at the axis, of 10 kg moving
+    ({"lead_mm_per_rev": 0.005}, "reflected rotor divided by the moving mass is 7.9e+06"),
+    # 1.3 kg cm^2 given in kg m^2: 0.1 N m/A of 20 A turn it with 1.5 rad/s^2
+    ({"rotor_inertia_kg_m2": 1.3}, "acceleration of the motor alone at its peak torque is 1.54 "),
+    # 400 N/mm given in N/m: 125 N bend it by 0.3 m
+    ({"workpiece_stiffness_n_per_m": 400}, "deflection of the workpiece at a quarter of the full "
+     "scale of the sensor is 312 mm"),
+    ({"sensor_stiffness_n_per_m": 1000}, "deflection of the sensor at its full scale is 500 mm"),
+    ({"transmission_stiffness_n_per_m": 50}, "deflection of the transmission at the peak force"),
+    ({"inclination_deg": -1.57}, "is inclination_deg in degrees?"),
+    ({"inclination_deg": -90, "brake_holding_n": 20}, "the brake cannot hold the axis"),
+    ({}, None),
+])  # fmt: skip
+def test_a_value_in_another_unit_is_doubted(given, words):
+    texts = {name: str(value) for name, value in given.items()}
+    found = new.doubts(data_sheet.collect(texts)[0])
+    assert found == [] if words is None else any(words in text for text in found), found
+
+
+def test_no_machine_of_these_tests_is_doubted():
+    for options in SHEETS.values():
+        words = options.split()
+        names = (word[2:].replace("-", "_") for word in words[::2])
+        texts = dict(zip(names, words[1::2], strict=True))
+        assert new.doubts(data_sheet.collect(texts)[0]) == [], texts
 
 
 def test_the_approach_is_that_of_the_model(tmp_path):
@@ -523,7 +591,7 @@ def test_a_part_on_a_fresh_machine_is_good(tmp_path, given, needed):
 CELL = "--drive velocity --sensor-bits 24 --sensor-rate-hz {} --sensor-latency-ms {}"
 
 
-@pytest.mark.parametrize(("rate_hz", "latency_ms"), [(1000, 2), (100, 20), (30000, 0)])
+@pytest.mark.parametrize(("rate_hz", "latency_ms"), [(1000, 2), (10, 0.1), (30000, 0)])
 def test_a_cell_with_a_clock_of_its_own_holds_a_force(tmp_path, rate_hz, latency_ms):
     fresh = made(tmp_path, "--drive velocity --sensor-bits 16")["force_limit_gain"]
     result = made(tmp_path, CELL.format(rate_hz, latency_ms) + " --force")
@@ -546,6 +614,15 @@ def test_a_sigma_delta_converter_holds_a_force_and_lowers_the_limit(tmp_path):
     assert adc["converter_filter"] == "sinc3"
     found = ran(tmp_path, "contact.toml")
     assert (found["verdict"], found["fault"]) == ("stable", "none")
+
+
+def test_a_reading_that_is_older_than_the_firmware_can_measure_is_refused(tmp_path):
+    """254 ticks are 169.3 ms."""
+    options = ["--yes", "--sensor-rate-hz", "8.5"]
+    refused(forceaxis(tmp_path, "new", "mine", *options), "--sensor-rate-hz", "from 10 to")
+    cell = {"sensor_rate_hz": "10", "sensor_latency_ms": "60"}
+    ticks = {t.name: t.ticks for t in new.firmware_times(data_sheet.collect(cell)[0])}
+    assert ticks == {"force_age_max": 254, "cycle_age_max": 240}  # 60 ms and a sample of 100 ms
 
 
 @pytest.mark.parametrize(("option", "value"), [("latency-ms", "2"), ("filter", "sinc3")])

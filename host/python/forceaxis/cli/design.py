@@ -85,7 +85,8 @@ class Newtons(click.ParamType[tuple[float, ...]]):
 @click.option(
     "--hf-gain", type=common.Positive(), metavar="CODES",
     help="Largest gain at high frequency, DAC codes per force count; it amplifies the measurement "
-    "noise. Default: 80; at most 15 per code of the ADC.",
+    "noise. Default: 80, or more if the noise of the model permits it; at most 15 per code of the "
+    "ADC.",
 )  # fmt: skip
 @click.option(
     "--ramp", "ramp_s", type=common.Positive(), metavar="S",

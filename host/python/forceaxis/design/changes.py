@@ -2,6 +2,7 @@
 the model that `advise` compares."""
 
 import contextlib
+import functools
 import math
 import tempfile
 from collections.abc import Mapping
@@ -128,6 +129,23 @@ class Design:
         """Returns the value in SI units of an entry of the model file: a number, a quantity or the
         name of a parameter. Returns None if there is no entry or the parameter is unknown."""
         return working.number(given, self.facts.parameters)
+
+    def noise_codes(self, bits: int) -> float | None:
+        """Returns the rms noise of the measured force in codes of an ADC with `bits` bits. Returns
+        None if the model states no noise."""
+        noise_N = self.value(self.tables.force_adc.noise)
+        per_code = abs(self.facts.required_reading.per_count) * 2.0 ** (8 - bits)
+        return noise_N / per_code if noise_N else None
+
+    @functools.cached_property
+    def weight_N(self) -> float:
+        """Returns the magnitude in N of the weight of all bodies along their axis."""
+        total = 0.0
+        for element in toml.read(self.model).get("gravity", []):
+            body = self.tables.body(element["body"])
+            mass = self.value(body.mass) if body else None
+            total += (self.value(element["acceleration"]) or 0.0) * (mass or 0.0)
+        return abs(total)
 
     @property
     def zero_code(self) -> int:

@@ -13,6 +13,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
+LATENCY_MAX_MS = 60.0  # with a sample of 100 ms, the firmware measures the age of a reading
 # default speed of a stepper axis; a stepper's torque falls with the speed
 STEPPER_SPEED_M_PER_S = 0.05
 
@@ -323,7 +324,7 @@ class SheetValues:
         "resolution of the converter of the force, 8 to 24; the current has at most 16",
     ))  # fmt: skip
     sensor_rate_hz: float | None = number_or_word(SheetField(
-        "sensor", "Hz", 50, 3e4, None, "a converter that the tick starts",
+        "sensor", "Hz", 10, 3e4, None, "a converter that the tick starts",
         'samples per second of a converter with a clock of its own; or "tick" for a sample at each '
         "tick of 1/1500 s", word="tick",
     ))  # fmt: skip
@@ -333,8 +334,8 @@ class SheetValues:
         needs="sensor_rate_hz", word="none",
     )  # fmt: skip
     sensor_latency_ms: float = number(SheetField(
-        "sensor", "ms", 0, 20, lambda v: default_latency_ms(v),
-        "one sample, or 0.1 ms after a sensor filter",
+        "sensor", "ms", 0, LATENCY_MAX_MS, lambda v: default_latency_ms(v),
+        "one sample, at most 60 ms, or 0.1 ms after a sensor filter",
         "time from a sample to its arrival: its transfer, and without a sensor filter the settling "
         "of the converter", needs="sensor_rate_hz",
     ))  # fmt: skip
@@ -455,6 +456,17 @@ class SheetValues:
         return self.supply_v * self.radius_m / max(self.back_emf_v_s_per_rad, 1e-12)
 
     @property
+    def sensor_delay_s(self) -> float:
+        """Returns the largest time in s from a change of the force to its use in the firmware: the
+        filter of the converter, its latency, one sample and one tick."""
+        tick_s = 1 / 1500.0
+        if not self.sensor_rate_hz:
+            return tick_s
+        sinc_order = 0 if self.sensor_filter == "none" else int(self.sensor_filter[-1])
+        samples = 1 + sinc_order / 2
+        return samples / self.sensor_rate_hz + self.sensor_latency_ms / 1e3 + tick_s
+
+    @property
     def weight_n(self) -> float:
         """Returns the component of the weight along the axis in N, positive toward the
         workpiece."""
@@ -492,7 +504,9 @@ def default_current_loop_hz(v: SheetValues) -> float:
 def default_latency_ms(v: SheetValues) -> float:
     """Returns the default time in ms from a sample to the arrival of its value. Without a filter,
     this time is the settling time of the converter."""
-    return 0.1 if v.sensor_filter != "none" else 1e3 / (v.sensor_rate_hz or 1500.0)
+    if v.sensor_filter != "none":
+        return 0.1
+    return min(1e3 / (v.sensor_rate_hz or 1500.0), LATENCY_MAX_MS)
 
 
 def default_brake_n(v: SheetValues) -> float:

@@ -19,6 +19,7 @@ from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.cases import most_losses
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import Design
+from forceaxis.design.grid import hf_of_noise
 from forceaxis.design.outcome import MEMBERS, DesignOrder, DesignOutcome, SlowedApproach
 from forceaxis.design.sets import slopes
 from forceaxis.design.simulate import ContactBench, Plant
@@ -120,6 +121,9 @@ def design(
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts.required_reading.bits
+        noise = plant.noise_codes(bits)
+        if order.hf_gain is None and noise is not None:
+            order = replace(order, hf_gain=hf_of_noise(bits, noise))
         bench = ContactBench(plant, bits, own, asked(order, plant), order.forces_N)
         say("modes of the contact")
         plants = plant_set(bench, order)

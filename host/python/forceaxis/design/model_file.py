@@ -70,6 +70,7 @@ class ModelAdc:
     bits: int = 8
     per_count: Given = 0
     zero_code: Given = 0
+    noise: Given | None = None
 
 
 @dataclass(frozen=True)

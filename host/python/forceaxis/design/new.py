@@ -37,9 +37,25 @@ FIRST_GAIN_SHARE = 1 / 6
 # The gain never falls below RESERVE_LEAST times the first gain.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
 STATIC_GAIN_MAX = 1e6  # a loop with a larger static gain has an integral
+# The first contact of contact.toml comes within this time in s. Otherwise the axis starts nearer.
+REACH_MAX_S = 20.0
+# Limit of the force error in contact.toml with an integral in the loop, a share of the set-point.
+# An error of HALF_COUNT 8-bit counts, or of one DAC code, is always permitted.
+ERROR_MAX, HALF_COUNT = 0.02, 0.6
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
 HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
+
+
+# {object: reason for its value in the files of a new axis}
+WHY = {
+    "position_age_max": "three cycles of the bus, so that one missing position is no fault",
+    "force_age_max": "latency and two samples of the force, so that one missing sample is no "
+    "fault; at most the largest age that the firmware measures",
+    "cycle_age_max": "the largest age while no value is missing; an older one makes a part bad",
+    "drive_on_ticks_max": "longer than drive_wait (5 s), so that the reason of the drive comes "
+    "first",
+}
 
 
 @dataclass
@@ -139,25 +155,27 @@ def bus_ticks(v: SheetValues) -> int:
 def firmware_times(v: SheetValues) -> list[FirmwareTime]:
     """Returns the times of those firmware objects whose default is too short for the axis. The
     times follow from the cycle of the bus, the rate of the sensor and the start of the drive.
-    Raises InputError if the cycle of the bus is not a multiple of 2 ms."""
-    cycle = bus_ticks(v)
+    Raises InputError if the cycle of the bus is not a multiple of 2 ms, or if a reading of the
+    force is older than the firmware can measure."""
+    cycle = bus_ticks(v) if v.bus_cycle_ms is not None else None
     period = bus_times.TICKS_PER_MS * 1e3 / v.sensor_rate_hz if v.sensor_rate_hz else 0.0
-    reading = v.sensor_latency_ms * bus_times.TICKS_PER_MS + period
-    has_bus = v.bus_cycle_ms is not None
-    times = [
-        ("position_age_max", bus_times.age_with_one_lost(cycle) if has_bus else 0,
-         "three cycles of the bus, so that one missing position is no fault"),
-        ("force_age_max", reading + period,
-         "latency and two samples of the force, so that one missing sample is no fault"),
-        ("cycle_age_max", max(bus_times.age_without_loss(cycle) if has_bus else 0, reading),
-         "the largest age while no value is missing; an older one makes a part bad"),
-        ("drive_on_ticks_max", bus_times.on_ticks(
-            objects.default("drive_wait"), objects.default("drive_sdo_timeout"),
-        ) if has_bus else 0,
-         "longer than drive_wait (5 s), so that the reason of the drive comes first"),
-    ]  # fmt: skip
-    found = [FirmwareTime(name, math.ceil(ticks - 1e-9), why) for name, ticks, why in times]
-    return [time for time in found if time.ticks > objects.BY_NAME[time.name].default]
+    latency = v.sensor_latency_ms * bus_times.TICKS_PER_MS
+    if latency + period > bus_times.AGE_MOST:
+        raise ParameterError(
+            "sensor_latency_ms", "expected a latency of at most "
+            f"{(bus_times.AGE_MOST - period) / bus_times.TICKS_PER_MS:.4g} ms, because the "
+            f"firmware measures no age above {bus_times.AGE_MOST / bus_times.TICKS_PER_MS:.4g} ms, "
+            f"got {v.sensor_latency_ms:g} ms beside a sample of "
+            f"{period / bus_times.TICKS_PER_MS:.4g} ms; use a faster sensor",
+        )  # fmt: skip
+    found = [
+        FirmwareTime(name, ticks, WHY[name])
+        for name, ticks in bus_times.ages(cycle, period, latency).items()
+    ]
+    on = bus_times.on_ticks(objects.default("drive_wait"), objects.default("drive_sdo_timeout"))
+    if cycle and on > objects.default("drive_on_ticks_max"):
+        found.append(FirmwareTime("drive_on_ticks_max", on, WHY["drive_on_ticks_max"]))
+    return found
 
 
 def derive(v: SheetValues) -> AxisConstants:
@@ -175,28 +193,132 @@ def derive(v: SheetValues) -> AxisConstants:
         b_workpiece = (
             2 * zeta * math.sqrt((v.workpiece_stiffness_n_per_m or 0.0) * v.workpiece_mass_kg)
         )
-    per_rev = v.encoder_counts_per_rev
     return AxisConstants(
         v, r, v.rotor_mass_kg, mass, v.efficiency * v.torque_constant_n_m_per_a, current,
         amplifier_circuit(v) if v.drive == "amplifier" else None, bus_ticks(v), firmware_times(v),
         b_transmission, b_workpiece,
-        1e3 * v.encoder_counts_per_mm if per_rev is None else per_rev / (2 * math.pi * r),
+        encoder_counts_per_m(v),
         v.sensor_full_scale_n / 2 ** (v.sensor_bits - 1), 1.25 * current / 2 ** (v.code_bits - 1),
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Plausible:
+    """A quantity that follows from the data sheet, with the range in which machines have it.
+
+    `value`: function that computes the quantity, or returns None if the axis does not have it.
+    `what`: text about the quantity, `unit`: its unit. `check`: what may be wrong outside the range.
+    """
+
+    value: Callable[[SheetValues], float | None]
+    low: float
+    high: float
+    what: str
+    unit: str
+    check: str
+
+
+def _of_motor(value: Callable[[SheetValues], float]) -> Callable[[SheetValues], float | None]:
+    """Returns a function that computes a quantity of an axis with a rotary motor."""
+    return lambda v: value(v) if v.motor == "rotary" else None
+
+
+def _torque_n_m(v: SheetValues) -> float:
+    return v.peak_force_n * v.radius_m / v.efficiency
+
+
+PLAUSIBLE = (
+    Plausible(
+        lambda v: v.inductance_h / v.resistance_ohm if v.drive == "amplifier" else None,
+        FASTEST_TAU_S, SLOWEST_TAU_S,
+        "electrical time constant, inductance over resistance,", "s",
+        "an inductance of 1 mH is 0.001",
+    ),
+    Plausible(
+        _of_motor(lambda v: v.rotor_mass_kg / v.moving_mass_kg), 0.0, 1e3,
+        "mass of the reflected rotor divided by the moving mass", "",
+        "is lead_mm_per_rev or pulley_radius_mm in mm, and rotor_inertia_kg_m2 in kg m^2? "
+        "1 kg cm^2 is 1e-4",
+    ),
+    Plausible(
+        _of_motor(lambda v: _torque_n_m(v) / v.rotor_inertia_kg_m2), 200.0, 1e7,
+        "acceleration of the motor alone at its peak torque", "rad/s^2",
+        "1 kg cm^2 is 1e-4 kg m^2, 1 g cm^2 is 1e-7; or check torque and current",
+    ),
+    Plausible(
+        _of_motor(lambda v: v.command_speed_m_per_s / v.radius_m if v.drive != "torque" else 0.0),
+        0.0, 4e3, "speed of the motor at full-scale command", "rad/s",
+        "is lead_mm_per_rev or pulley_radius_mm in mm, and full_scale_speed_m_per_s in m/s?",
+    ),
+    Plausible(
+        lambda v: v.peak_force_n / v.total_mass_kg, 0.05, 5e3,
+        "acceleration of the axis at its peak force", "m/s^2",
+        "check force or torque constant, peak current, lead and moving_mass_kg",
+    ),
+    Plausible(
+        lambda v: v.peak_force_n / v.sensor_full_scale_n, 0.02, 100.0,
+        "peak force of the drive divided by the full scale of the sensor", "",
+        "is sensor_full_scale_n in N? 1 kg is 9.81 N",
+    ),
+    Plausible(
+        lambda v: 1e3 * v.sensor_full_scale_n / v.sensor_stiffness_n_per_m, 1e-3, 30.0,
+        "deflection of the sensor at its full scale", "mm",
+        "is sensor_stiffness_n_per_m in N/m? 1 N/mm is 1e3, 1 N/um is 1e6",
+    ),
+    Plausible(
+        lambda v: 1e3 * v.sensor_full_scale_n / 4 / (v.workpiece_stiffness_n_per_m or math.inf),
+        0.0, 50.0, "deflection of the workpiece at a quarter of the full scale of the sensor", "mm",
+        "is workpiece_stiffness_n_per_m in N/m? 1 N/mm is 1e3",
+    ),
+    Plausible(
+        lambda v: 1e3 * v.peak_force_n / (v.transmission_stiffness_n_per_m or math.inf), 0.0, 20.0,
+        "deflection of the transmission at the peak force", "mm",
+        "is transmission_stiffness_n_per_m in N/m? 1 N/um is 1e6",
+    ),
+    Plausible(
+        lambda v: v.sensor_noise_n / v.sensor_full_scale_n, 0.0, 0.05,
+        "noise of the sensor divided by its full scale", "", "is sensor_noise_n in N?",
+    ),
+    Plausible(
+        lambda v: 1e3 / (encoder_counts_per_m(v)), 1e-6, 0.2, "step of the encoder", "mm",
+        "check the counts of the encoder and the lead",
+    ),
+    Plausible(
+        lambda v: abs(v.weight_n) / v.peak_force_n, 0.0, 1.0,
+        "weight divided by the peak force of the drive", "",
+        "the drive cannot hold the axis; check moving_mass_kg, lead and peak current",
+    ),
+    Plausible(
+        lambda v: None if v.brake_holding_n is None else abs(v.weight_n) / v.brake_holding_n,
+        0.0, 1.0, "weight divided by the holding force of the brake", "",
+        "the brake cannot hold the axis; check brake_holding_n",
+    ),
+    Plausible(
+        lambda v: abs(v.inclination_deg or 0.0) if abs(v.inclination_deg or 0.0) < 1.6 else None,
+        0.0, 1.5, "angle of the axis", "deg", "is inclination_deg in degrees? 90 is vertical",
+    ),
+)  # fmt: skip
+
+
+def encoder_counts_per_m(v: SheetValues) -> float:
+    """Returns the number of encoder counts per metre of travel."""
+    if v.encoder_counts_per_rev is None:
+        return 1e3 * v.encoder_counts_per_mm
+    return v.encoder_counts_per_rev / (2 * math.pi * v.radius_m)
+
+
 def doubts(v: SheetValues) -> list[str]:
-    """Returns one-line texts about data-sheet values that are possible but unlikely."""
-    if v.drive != "amplifier":
-        return []
-    tau_s = v.inductance_h / v.resistance_ohm
-    if SLOWEST_TAU_S >= tau_s >= FASTEST_TAU_S:
-        return []
-    return [
-        f"the inductance of {v.inductance_h:g} H over the resistance of {v.resistance_ohm:g} ohm "
-        f"is an electrical time constant of {tau_s:.3g} s, but motors have "
-        f"{1e3 * FASTEST_TAU_S:g} to {1e3 * SLOWEST_TAU_S:g} ms; an inductance of 1 mH is 0.001"
-    ]
+    """Returns one-line texts about data-sheet values that are possible but unlikely, usually
+    because a value has another unit."""
+    found = []
+    for one in PLAUSIBLE:
+        value = one.value(v)
+        if value is None or one.low <= value <= one.high:
+            continue
+        unit = f" {one.unit}" if one.unit else ""
+        usual = f"{one.low:g} to {one.high:g}{unit}" if one.low else f"at most {one.high:g}{unit}"
+        found.append(f"the {one.what} is {value:.3g}{unit}, usual is {usual}: {one.check}")
+    return found
 
 
 def stuck(v: SheetValues, first: "First") -> list[str]:
@@ -229,6 +351,8 @@ class First:
     gain: float
     setpoint: float
     held: float  # settled force as a share of the force set-point; 1 with integral action
+    # largest error of the settled force at half of the gain, as a share of the force set-point
+    error_most: float
     contact_s: float  # duration of the experiment contact.toml
     position_limit: float
     position_gain: float
@@ -240,19 +364,27 @@ class First:
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
-    raised: bool  # True if the force set-point was increased to overcome the friction
+    raised: str  # reason why the force set-point was increased, or ""
+    # distance to the workpiece in m at the start of contact.toml, if that of the model is too large
+    start_m: float | None = None
+    free_m_per_s: float = 0.0  # speed of the approach of contact.toml
+    simulated_N: float | None = None  # settled force of contact.toml in the simulation
     # Factor by which the gain can rise while the simulated contact stays stable. None: not known.
     reserve: float | None = None
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
     """Returns the approach speed in m/s, at most APPROACH_M_PER_S. At the speed v, the peak force
-    of the first contact is v sqrt(k m). This peak force is at most the share MOMENTUM_SHARE of the
-    full scale of the sensor.
+    of the first contact is v sqrt(k m). Until the firmware reads the first force, the axis moves on
+    for the delay T of the sensor, which adds the force v k T. Each of both forces is at most the
+    share MOMENTUM_SHARE of the full scale of the sensor.
     """
     v, stiffness = axis.v, axis.v.sensor_stiffness_n_per_m
     force = MOMENTUM_SHARE * v.sensor_full_scale_n
-    return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
+    behind = v.workpiece_stiffness_n_per_m or math.inf
+    series = 1 / (1 / stiffness + 1 / behind)
+    blind = force / (series * v.sensor_delay_s)
+    return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass), blind)
 
 
 def highest_gain(loop: "Loop", volts_per_code: float) -> float:
@@ -316,24 +448,48 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     speed_per_N = abs(moving.at([0.02j * math.pi]).ravel()[1])
     need = 1.1 * (2 * dry - min(weight, 0.0)) * speed_per_N / (gain * code)
     highest = math.floor(min(96.0, peak / 2 / newton_per_count) * 256) / 256
-    usual, setpoint = setpoint, max(setpoint, min(math.ceil(need * 256) / 256, highest))
+    fast = v.approach_mm / 1e3 / (REACH_MAX_S * gain * code)
+    usual, wanted = setpoint, math.ceil(max(need, fast) * 256) / 256
+    setpoint = max(setpoint, min(wanted, highest))
+    raised = ""
+    if setpoint > usual:
+        raised = (
+            "against its weight and twice the dry friction"
+            if need >= fast
+            else (f"within {REACH_MAX_S:g} s")
+        )
     of_command, of_force = plant.at(0.0).real.ravel()
     static = gain * volts * of_command
     # If the drive has an integral in its velocity loop, its force rises until the force error is 0.
     integrates = not static < STATIC_GAIN_MAX
     held = 1.0 if integrates else (static + of_force * weight / setpoint) / (1 + static)
+
+    def error_at(factor: float) -> float:
+        """Largest error of the settled force at `factor` times the gain, as a share of the force
+        set-point, with any dry friction up to twice the declared one."""
+        steps = max(HALF_COUNT, 1 / gain) / setpoint
+        if integrates:
+            return float(max(ERROR_MAX, steps))
+        loop = factor * static
+        rubs = abs(of_force) * (2 * dry + v.cogging_n) / setpoint
+        error = abs(1 - of_force * weight / setpoint) + rubs
+        return float(ERROR_MAX + steps + error / (1 + loop))
+
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
-    reach = v.approach_mm / 1e3 / free_speed
+    start_m = v.approach_mm / 1e3
+    if start_m > REACH_MAX_S * free_speed:
+        start_m = REACH_MAX_S * free_speed
+    reach = start_m / free_speed
     # A user may run the file with lower gains and set-points, which make the approach slower.
     # The simulated time is sufficient at a tenth of the speed, unless the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
     pushes += weight  # N, with the weight, at standstill
     most = friction_most(dry, pushes)
-    if most is not None:
+    if most is not None and not integrates:
         slowest = (pushes - most * dry) * speed_per_N
-        room = max(room, 1.3 * v.approach_mm / 1e3 / slowest + 0.5)
+        room = max(room, 1.3 * start_m / slowest + 0.5)
     contact = min(600.0, math.ceil(2 * (room + min(10 / rate, 30) + 1.5)) / 2)
 
     position = loops.force_loop(model, modes=sliding, output="encoder", free=True)
@@ -344,8 +500,10 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(
-        limit, gain, setpoint, held, contact, position_limit, position_gain, distance,
-        speed, acceleration, min(step, 600.0), pushes, most, setpoint > usual,
+        limit, gain, setpoint, held, min(error_at(0.5), (1 + error_at(1.0)) / 2), contact,
+        position_limit, position_gain, distance, speed, acceleration, min(step, 600.0), pushes,
+        most, raised, start_m if start_m < v.approach_mm / 1e3 else None,
+        free_speed,
     )  # fmt: skip
 
 
@@ -358,24 +516,37 @@ def with_reserve(
 
     trial: folder with the model. contact: function that returns the text of contact.toml.
     """
-    from forceaxis.experiments import run, verdicts
-
-    found = first
+    found, file = first, trial / CONTACT
     while first.friction_most is not None and found.gain > RESERVE_LEAST * first.gain:
-        text = contact(found)
-        factors = (RESERVE, 1.5, 1.0)
-        gains = [f"firmware.force_gain={factor * found.gain}" for factor in factors]
+        file.write_text(contact(found), encoding="utf-8")
+        experiments = _core.Experiments()
         try:
-            if all(
-                run.run(trial / CONTACT, [gain], text=text).result.verdict == verdicts.STABLE
-                for gain in gains
-            ):
-                return replace(found, reserve=RESERVE)
+            for factor in (RESERVE, 1.5, 1.0):
+                held_N = _held_N(file, factor * found.gain, experiments)
+                if held_N is None:
+                    break
+            else:
+                return replace(found, reserve=RESERVE, simulated_N=held_N)
             lower = math.floor(RESERVE_STEP * found.gain * 256) / 256
             found = first_gains(axis, trial / MODEL, lower)
         except (InputError, _core.SimulationError):  # too slow an approach, or no simulation
             break
     return first
+
+
+def _held_N(file: Path, gain: float, experiments: _core.Experiments) -> float | None:
+    """Returns the settled force in N of contact.toml with a force gain, or None if its verdict is
+    not stable. `experiments` keeps the parsed file. Raises SimulationError."""
+    from forceaxis.experiments import verdicts
+
+    job = (str(file), [f"firmware.force_gain={gain}"])
+    (done,) = _core.run_many([job], 1, None, True, None, experiments)
+    if "error" in done:
+        raise _core.SimulationError(done["error"])
+    held = done["metrics"].held_force
+    if done["verdict"] != verdicts.STABLE or held is None:
+        return None
+    return float(held.held_N)
 
 
 def unstable_drive(v: SheetValues) -> ParameterError:

@@ -11,9 +11,9 @@ import tomlkit
 
 from forceaxis import _core
 from forceaxis.design import experiment_file, friction, reduced, sets, simulate
-from forceaxis.design.cases import unstable, why
+from forceaxis.design.cases import SimulatedContact, unstable, why
 from forceaxis.design.changes import Design
-from forceaxis.design.grid import Goal
+from forceaxis.design.grid import Goal, hf_of_noise
 from forceaxis.design.new import CONTACT, MODEL, BankForAxis, NoBank
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, ContactBench, Plant
@@ -58,7 +58,9 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
     over = sets.workpiece(plant.model, plant.overrides)
     plants = sets.plant_set(plant.model, plant.overrides, over)
     bits = plant.facts.required_reading.bits
-    problem = ShortSearch(plants, Goal(adc_bits=bits))
+    noise = plant.noise_codes(bits)
+    hf_gain = None if noise is None else hf_of_noise(bits, noise)
+    problem = ShortSearch(plants, Goal(adc_bits=bits, hf_gain=hf_gain))
     with phase("searching a bank for the set"):
         p, found = problem.worst(Bank(1.0)), problem.designed()
     if found.worst is None:
@@ -103,6 +105,8 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
+    # Plant on which an earlier combination did not settle. It is simulated first.
+    hard: Plant = {}
     # First combination that settles only after more than LOSSES_MAX[0] contact losses.
     spare: SettledContact | None = None
     # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
@@ -119,9 +123,10 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
             plants: list[Plant] = [{}, *friction.members(bench.frictions)]
             plants += friction.drawn(bench.frictions, RANDOM_FRICTIONS, SEED) if rubs else []
             for loss in _losses(bench, speed, stands):
-                rows = simulate.simulate(bench, bank, plants, (0, 1), loss, os.cpu_count() or 1)
+                plants.sort(key=lambda plant: plant != hard)
+                rows = _contacts(bench, bank, plants, loss)
                 if bad := unstable(rows):
-                    refused = f"{bad[0].case}: {why(bad[0])}"
+                    last, hard = bad[0], bad[0].member
                     continue
                 losses = max(row.losses for row in rows if ", strike" not in row.case)
                 text = _text(bench, bank, loss, max(losses, LOSSES_MAX[0]))
@@ -133,9 +138,22 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
         return spare
     raise _core.InputError(
         "simulation: expected a contact force that settles, but the force does not settle even at "
-        f"{1e3 * speed:.3g} mm/s with {gain:g} of the designed gain ({refused}); use a softer "
-        "sensor or a softer pad"
+        f"{1e3 * speed:.3g} mm/s with {gain:g} of the designed gain ({last.case}: {why(last)}); "
+        f"{bench.remedy(last)}"
     )
+
+
+def _contacts(
+    bench: ContactBench, bank: Bank, plants: Sequence[Plant], loss: Mapping[str, int]
+) -> list[SimulatedContact]:
+    """Simulates the contacts of a bench on one plant after the other, and returns them. Ends after
+    the first plant with a contact that is not stable."""
+    rows: list[SimulatedContact] = []
+    for member in plants:
+        rows += simulate.simulate(bench, bank, [member], (0, 1), loss, os.cpu_count() or 1)
+        if unstable(rows):
+            break
+    return rows
 
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:

@@ -21,6 +21,7 @@ import tomlkit
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
+from forceaxis.axis import bus_times
 from forceaxis.design import changes, experiment_file, friction
 from forceaxis.design.cases import (
     ContactCase,
@@ -53,13 +54,23 @@ STALL_FORCE_SHARE = 0.25  # largest force set-point as a share of the largest fo
 RAMP_S = 0.2  # rise time in s of the largest force set-point
 STRIKE_S = 0.5 / 150  # impulse of an impact in N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives a speed
+# Force at the end of the sensor's delay after a contact, as a share of the least force set-point.
+BLIND_SHARE = 0.3
+# Smallest force set-point, as a multiple of the weight along the axis and of the rms noise.
+# With a smaller one, weight or noise alone ends a contact.
+WEIGHT_FACTOR, NOISE_FACTOR = 1.2, 8.0
+# Below this rate of the sensor in Hz, the text about a failed contact names the sensor.
+SLOW_SENSOR_HZ = 200.0
 WINDOW_S = 0.5  # length in s of the window of the verdict
 # Shortest and longest time in s from the first contact to the window of the verdict.
 SETTLE_S = (1.5, 10.0)
 RIPPLE_COUNT = 3.0  # largest permitted force ripple in 8-bit counts, peak to peak
 LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default of `contact_force`
 # Firmware settings that the simulated contacts take from the experiment of the design.
-KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
+KEPT = (
+    "position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign",
+    "rated_force", "position_age_max", "force_age_max", "drive_on_ticks_max",
+)  # fmt: skip
 # Factors by which the impulse of a simulated impact is multiplied in a series of impacts.
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
@@ -175,19 +186,65 @@ class ContactBench:
             max(round(s / SETPOINTS[-1] * top / self.count_N), LEAST_COUNT) * self.count_N
             for s in SETPOINTS
         ]
+        largest_N = max(self.setpoints_N)
+        least_N = min(self.least_N(), largest_N)
+        self.setpoints_N = [max(force_N, least_N) for force_N in self.setpoints_N]
         if self.forces_N:
             self._check_forces(counts)
             self.setpoints_N = list(self.forces_N)
-        self.rated_N = max(self.setpoints_N)
-        return kept | {
-            "adc_bits": bits,
-            "force_zero_code": zero,
-            "force_scale": max(1, round(1e6 * self.count_N)),
-            "rated_force": max(1, round(1e3 * self.rated_N)),
-            "force_slope": round(1000 / RAMP_S),
-            "bump_decay_shift": 0,
-            "modes_of_operation": 4,
-        }
+        largest_N = max(self.setpoints_N)
+        given_N = 1e-3 * self._number("rated_force") if "rated_force" in kept else 0.0
+        self.rated_N = max(largest_N, given_N)
+        return (
+            self._ages()
+            | kept
+            | {
+                "adc_bits": bits,
+                "force_zero_code": zero,
+                "force_scale": max(1, round(1e6 * self.count_N)),
+                "rated_force": max(1, round(1e3 * self.rated_N)),
+                "force_slope": round(1000 * largest_N / self.rated_N / RAMP_S),
+                "bump_decay_shift": 0,
+                "modes_of_operation": 4,
+            }
+        )
+
+    def least_N(self) -> float:
+        """Returns the smallest force in N that a contact can hold against weight and noise."""
+        noise_N = (self.design.noise_codes(8) or 0.0) * self.count_N
+        return max(WEIGHT_FACTOR * self.design.weight_N, NOISE_FACTOR * noise_N)
+
+    def remedy(self, contact: SimulatedContact) -> str:
+        """Returns a text about the most likely reason why the force of a simulated contact does not
+        settle, and what to change."""
+        sampling, least_N = self.facts.required_reading.sampling, min(self.setpoints_N)
+        limits = {missed.limit for missed in contact.missed}
+        if contact.fault in ("force_old", "position_old"):
+            return (
+                "the firmware ends the contact because of the age of a value; raise "
+                f"{contact.fault.replace('_old', '_age_max')} of the experiment, or use a sensor "
+                "or bus with shorter periods"
+            )
+        if least_N < self.least_N():
+            weight_N, noise_N = self.design.weight_N, self.least_N() / NOISE_FACTOR
+            what = f"the weight of {weight_N:.3g} N along the axis"
+            if WEIGHT_FACTOR * weight_N < self.least_N():
+                what = f"the noise of {noise_N:.3g} N of the measured force"
+            return (
+                f"the smallest test force of {least_N:.3g} N is too small against {what}: give "
+                "larger forces, or reduce it"
+            )
+        if sampling is not None and sampling.rate_hz < SLOW_SENSOR_HZ:
+            delay_s = sampling.delay_s()
+            return (
+                f"the sensor of {sampling.rate_hz:g} samples/s shows the force up to "
+                f"{1e3 * delay_s:.3g} ms late, which allows a crossover of about "
+                f"{1 / (4 * math.pi * delay_s):.2g} Hz: use a faster sensor, a slower approach or "
+                "a softer workpiece"
+            )
+        if limits & {"peak_force_max_N", "contact_losses_max", "contact_losses"}:
+            return "use a softer sensor, a softer pad or a slower approach"
+        return "use a smaller set of plants or other forces"
 
     def _check_forces(self, counts: float) -> None:
         """Raises InputError for a requested force that the sensor cannot measure or that the drive
@@ -234,13 +291,44 @@ class ContactBench:
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
         if name not in self._given:
-            return float(min(default / scale, APPROACH_M_PER_S))
+            return float(min(default / scale, APPROACH_M_PER_S, self._blind_m_per_s()))
+        return self._number(name) / scale
+
+    def _number(self, name: str) -> float:
+        """Returns the value of a firmware setting of the request or of the experiment, in the unit
+        of the object."""
         if name in self._asked:
-            return float(self._asked[name]) / scale
-        return float(experiment_file.firmware_values(self.design.experiment)[name]) / scale
+            return float(self._asked[name])
+        return float(experiment_file.firmware_values(self.design.experiment)[name])
+
+    def _ages(self) -> dict[str, float | str]:
+        """Returns those objects for the age of positions and forces whose default is too short for
+        bus and sensor of the model."""
+        sampling, bus = self.facts.required_reading.sampling, self.facts.bus
+        period, latency = (sampling.period_s, sampling.latency_s) if sampling else (0.0, 0.0)
+        ticks = bus_times.ages(
+            bus.cycle_ticks if bus.cycle_ticks > 1 else None,
+            period * _core.TICKS_PER_SECOND, latency * _core.TICKS_PER_SECOND,
+        )  # fmt: skip
+        return {name: float(value) for name, value in ticks.items() if name in KEPT}
+
+    def _blind_m_per_s(self) -> float:
+        """Returns the approach speed in m/s at which the axis presses with the least set-point only
+        after the delay of the sensor. At a larger speed, a contact exceeds the set-point before the
+        firmware reads its force."""
+        sampling = self.facts.required_reading.sampling
+        if sampling is None:
+            return math.inf
+        plant = linear.linearise(
+            self.model, outputs=("encoder", self.facts.required_reading.signal),
+            overrides=self.overrides,
+        )  # fmt: skip
+        place, force = plant.at([0.02j * math.pi]).ravel()
+        compliance = abs(place / force) / abs(self.facts.required_encoder.scale)
+        return float(BLIND_SHARE * min(self.setpoints_N) * compliance / sampling.delay_s())
 
     def _cases(self) -> list[ContactCase]:
-        speed, strike = self._speed(), STRIKE_S * self.rated_N
+        speed, strike = self._speed(), STRIKE_S * max(self.setpoints_N)
         lower = self.setpoints_N[:-1] or self.setpoints_N
         return [
             *(ContactCase(force_N, speed) for force_N in self.setpoints_N),
@@ -606,6 +694,7 @@ def safe(
             if not bad:
                 break
         if bad:
+            refused = bad[0]
             cuts.append(GainCut(tried.force_gain, len(bad), len(rows), bad[0].case, why(bad[0])))
             _expect_contact(bench, bad)
             continue
@@ -625,8 +714,7 @@ def safe(
     raise InputError(
         f"simulation: expected a contact force that settles, but the case {last.case} does not "
         f"settle even at the gain {last.force_gain:.3g}, {share:.2g} of the designed gain "
-        f"({last.why}); use a smaller set of plants, a softer pad, a slower approach or other "
-        "forces"
+        f"({last.why}); {bench.remedy(refused)}"
     )
 
 

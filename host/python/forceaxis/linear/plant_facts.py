@@ -114,6 +114,16 @@ class SamplingFacts(NamedTuple):
         these two are equally frequent."""
         return self.latency_s + 0.5 / self.rate_hz, 1 / self.rate_hz
 
+    @property
+    def period_s(self) -> float:
+        """Returns the time between two samples in s."""
+        return 1 / self.rate_hz
+
+    def delay_s(self) -> float:
+        """Returns the largest time in s from a change of the signal to a reading that shows it: the
+        mean delay of the filter, the latency and one period of the samples."""
+        return self.latency_s + (1 + self.sinc_order / 2) / self.rate_hz
+
     def label(self) -> str:
         """Description of the samples for a user, such as "1000 Hz, sinc3, 2 ms late, any
         phase"."""
