@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import new_text
 from forceaxis.design import changes, data_sheet, new, own_axis, simulate
+from forceaxis.design.grid import hf_of_noise
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
 
@@ -259,6 +261,11 @@ def test_it_ends_with_a_bank_that_holds_the_force(tmp_path):
     assert "held.toml" in result["files"]
     text = (tmp_path / "mine/held.toml").read_text()
     assert text.startswith("# Contact in mode of operation 4")
+    rated = {
+        tomllib.loads((tmp_path / "mine" / name).read_text())["firmware"]["rated_force"]
+        for name in ("contact.toml", "step.toml", "held.toml")
+    }
+    assert rated == {50_000}  # mN, of a sensor of 50 N: one number for one machine
     for member in ([], ["k_w=35000", "m_w=0.13"], ["k_w=65000", "m_w=0.07"]):
         held = ran(tmp_path, "held.toml", *member)
         assert held["verdict"] == "stable" and held["fault"] == "none"
@@ -623,6 +630,48 @@ def test_a_reading_that_is_older_than_the_firmware_can_measure_is_refused(tmp_pa
     cell = {"sensor_rate_hz": "10", "sensor_latency_ms": "60"}
     ticks = {t.name: t.ticks for t in new.firmware_times(data_sheet.collect(cell)[0])}
     assert ticks == {"force_age_max": 254, "cycle_age_max": 240}  # 60 ms and a sample of 100 ms
+
+
+HEAD = {
+    "drive": "torque", "motor": "linear", "force_constant_n_per_a": 22, "motor_peak_current_a": 6,
+    "moving_mass_kg": 1.6, "inclination_deg": -90, "sensor_full_scale_n": 150, "sensor_bits": 16,
+    "workpiece_stiffness_n_per_m": 1.5e4, "workpiece_mass_kg": 0.2, "approach_mm": 3,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("changed", "fault", "limit", "words"), [
+    ({}, "none", "peak_force_max_N", "a softer pad"),
+    ({}, "force_old", "fault", "raise force_age_max of the experiment"),
+    # 40 kg weigh 392 N, of which a quarter of the drive's 132 N is no test force
+    ({"moving_mass_kg": 40}, "none", "peak_force_max_N", "the weight of 392 N"),
+    ({"sensor_rate_hz": 80, "sensor_filter": "sinc4"}, "none", "contact_losses",
+     "the sensor of 80 samples/s shows the force up to 37.6 ms late"),
+    ({"sensor_noise_n": 10, "inclination_deg": "horizontal"}, "none", "contact_losses",
+     "the noise of 10 N of the measured force"),
+])  # fmt: skip
+def test_a_contact_that_fails_has_the_reason_of_this_machine(
+    tmp_path, changed, fault, limit, words
+):
+    """A softer sensor was the answer for a weight, a slow sensor and an old reading."""
+    written(tmp_path, **HEAD | changed)
+    missed = SimpleNamespace(limit=limit)
+    row = SimpleNamespace(fault=fault, missed=(missed,))
+    with changes.Design(tmp_path / "mine/contact.toml") as plant:
+        bench = simulate.ContactBench(plant, 16)
+        text = bench.remedy(row)
+        assert words in text
+        assert ("softer sensor" in text) == (words == "a softer pad")
+        if not changed:
+            assert plant.weight_N == pytest.approx(1.6 * 9.81)
+            assert min(bench.setpoints_N) >= 1.2 * 1.6 * 9.81
+
+
+@pytest.mark.parametrize(("bits", "noise_codes", "gain"), [
+    (16, 6.5, 15 * 256 / 6.5), (12, 0.1, 15 * 16), (16, 1000, 80), (8, 1, 15),
+])  # fmt: skip
+def test_the_noise_of_the_model_sets_the_gain_at_high_frequency(bits, noise_codes, gain):
+    """15 codes of the output for a noise of one ADC code, as the firmware bounds it."""
+    assert hf_of_noise(bits, noise_codes) == pytest.approx(gain)
 
 
 @pytest.mark.parametrize(("option", "value"), [("latency-ms", "2"), ("filter", "sinc3")])

@@ -3,7 +3,7 @@
 import shlex
 
 from forceaxis.design.grid import LOWEST_HZ
-from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
+from forceaxis.design.new import GAIN_MOST, HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
     # Below this ratio of the bandwidths with filter bank and with P law, the text states the limit.
@@ -30,11 +30,14 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
 def _reserve(done: NewAxis) -> str:
     """Return a text that follows the gain of the P law. It states the factor by which this gain can
     be raised before the contact becomes unstable, and the critical gain of the linear loop."""
+    limit = f"{done.force_limit_gain:.4g}"
+    if done.force_limit_gain >= GAIN_MOST:
+        limit = f"{GAIN_MOST:g} at least, the largest gain that the firmware stores"
     if done.force_gain_reserve is None:
-        return f", a sixth of the linear limit {done.force_limit_gain:.4g}"
+        return f", a sixth of the linear limit {limit}"
     return (
         f"; the contact is stable up to {done.force_gain_reserve:g} times it, the linear loop to "
-        f"{done.force_limit_gain:.4g}"
+        f"{limit}"
     )
 
 

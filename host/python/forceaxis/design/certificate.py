@@ -13,7 +13,7 @@ import numpy as np
 
 from forceaxis.design.grid import POLE_ROUNDING_PER_S, Bounds, Goal, Grid, Response
 from forceaxis.linear import over
-from forceaxis.linear.bank import GAIN_STEP, Bank
+from forceaxis.linear.bank import GAIN_MAX, GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import DELAYS, Responses
@@ -106,7 +106,8 @@ def p_figures(worst: WorstFigures, bank: Bank) -> PFigures:
 def lowered(bank: Bank, factor: float) -> Bank:
     """Returns a filter bank with the largest gain that the firmware can store and that is at most
     `factor` times the gain of `bank`."""
-    return replace(bank, force_gain=math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP)
+    gain = math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP
+    return replace(bank, force_gain=min(gain, GAIN_MAX))
 
 
 def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
@@ -259,6 +260,12 @@ def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -
     `steep` is the gain of the law at high frequency with a `force_gain` of 1. `finer` is the text
     of Goal.hf_cure() about a remedy.
     """
+    if bank.force_gain >= GAIN_MAX:
+        return (
+            f"The gain of {GAIN_MAX:.0f} DAC codes per 8-bit count is the limit, because the "
+            "firmware stores no larger gain: a sensor with a smaller range, or a larger speed or "
+            "current at full command, permits more bandwidth."
+        )
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(bank, steep, free)
     reached = bank.force_gain * steep >= REACHED_SHARE * bounds.hf_gain

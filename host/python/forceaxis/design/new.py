@@ -36,6 +36,7 @@ FIRST_GAIN_SHARE = 1 / 6
 # The search ends when the simulated contact is stable even with RESERVE times the gain.
 # The gain never falls below RESERVE_LEAST times the first gain.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
+GAIN_MOST = 256.0  # largest gain of a new axis, in DAC codes per unit of the controlled signal
 STATIC_GAIN_MAX = 1e6  # a loop with a larger static gain has an integral
 # The first contact of contact.toml comes within this time in s. Otherwise the axis starts nearer.
 REACH_MAX_S = 20.0
@@ -351,7 +352,7 @@ class First:
     gain: float
     setpoint: float
     held: float  # settled force as a share of the force set-point; 1 with integral action
-    # largest error of the settled force at half of the gain, as a share of the force set-point
+    # largest error of the settled force at a third of the gain, as a share of the force set-point
     error_most: float
     contact_s: float  # duration of the experiment contact.toml
     position_limit: float
@@ -389,9 +390,9 @@ def approach_m_per_s(axis: AxisConstants) -> float:
 
 def highest_gain(loop: "Loop", volts_per_code: float) -> float:
     """Returns the highest stable gain of a loop in DAC codes per unit of the controlled signal. The
-    result is at most 256, because the firmware stores no larger gain."""
+    result is at most GAIN_MOST, because the firmware stores no larger gain."""
     gain = loop.limit().stable_to
-    return min(256.0, math.inf if gain is None else gain / volts_per_code)
+    return min(GAIN_MOST, math.inf if gain is None else gain / volts_per_code)
 
 
 def first_gain(limit: float) -> float:
@@ -500,7 +501,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(
-        limit, gain, setpoint, held, min(error_at(0.5), (1 + error_at(1.0)) / 2), contact,
+        limit, gain, setpoint, held, min(error_at(1 / 3), (1 + error_at(1.0)) / 2), contact,
         position_limit, position_gain, distance, speed, acceleration, min(step, 600.0), pushes,
         most, raised, start_m if start_m < v.approach_mm / 1e3 else None,
         free_speed,

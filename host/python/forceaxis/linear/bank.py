@@ -20,6 +20,7 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
 GAIN_STEP = 1 / 256  # resolution of the objects `force_gain` and `velocity_gain`
+GAIN_MAX = 65535 / 256  # largest value of the object `bank_gain`
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
 # Largest gain at high frequency that the firmware accepts, in DAC codes per ADC code.
