@@ -15,7 +15,7 @@ import json
 import math
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.commission import contact_check, incident_repeat
 from forceaxis.commission.contact_fit import REJECTED_BELOW
 from forceaxis.commission.incident import Incident
-from forceaxis.commission.incident_causes import CHANGED, FittedCause, Released
+from forceaxis.commission.incident_causes import CHANGED, COMMAND, FittedCause, Released
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.results import to_json
 
@@ -39,6 +39,8 @@ POSSIBLE_BELOW = 10.0
 # A cause is fitted once more if its rank is lower than the best rank by less than this value.
 # The second fit of a cause uses the derivatives for the plant with this cause.
 AGAIN_BELOW = 50.0
+# A change by this factor is large: a second that cannot exclude it does not show what has happened.
+LARGE_FACTOR = 1.5
 SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
 FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
@@ -136,7 +138,7 @@ def explain(incident: Incident, order: ExplainOrder) -> Explained:
             fits[: len(near)] = [released.again(fit) for fit in near]
             fits.sort(key=lambda fit: -gain(fit))
         best = gain(fits[0])
-        causes = tuple(_tried(fit, gain(fit), best) for fit in fits)
+        causes = _untold(tuple(_tried(fit, gain(fit), best) for fit in fits))
         files = incident_repeat.files(incident, released, fits[0])
         repeats = incident_repeat.repeats(incident, files) if files else None
     touch = released.data.touches[0]
@@ -158,6 +160,32 @@ def explain(incident: Incident, order: ExplainOrder) -> Explained:
         causes=causes,
     )
     return Explained(result, tuple(fits), released, files)
+
+
+def _untold(causes: tuple[TriedCause, ...]) -> tuple[TriedCause, ...]:
+    """Returns the causes. If the best one is that nothing has changed, but the recorded second
+    cannot exclude a large change of plant or sensors, the text of the best one says so. This is so
+    if the contact was too short."""
+    best, *others = causes
+    open_causes = [one.name for one in others if one.verdict == "possible" and _may_be_large(one)]
+    if best.name != COMMAND or not open_causes:
+        return causes
+    text = (
+        "no change of plant or sensors shows, but the recorded contact is too short to exclude a "
+        f"large one: {', '.join(open_causes)}"
+    )
+    return (replace(best, text=text, verdict="possible"), *others)
+
+
+def _may_be_large(cause: TriedCause) -> bool:
+    """Returns True if the 95 % interval of a changed number includes a value that differs from the
+    released one by the factor LARGE_FACTOR."""
+    return any(
+        one.released is not None and one.released > 0
+        and not (one.released / LARGE_FACTOR < one.interval[0]
+                 and one.interval[1] < one.released * LARGE_FACTOR)
+        for one in cause.changes
+    )  # fmt: skip
 
 
 def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
