@@ -79,6 +79,28 @@ def test_a_second_that_no_cause_explains_is_said(stiff):
     assert all(one.verdict in ("incomplete", "ruled out") for one in result.causes)
 
 
+@pytest.mark.parametrize(("interval", "verdict", "told"), [
+    ((2e5, 3e6), "possible", False),  # 0.7 ms of contact with a part twice as stiff
+    ((3.5e5, 4.6e5), "possible", True),
+    ((2e5, 3e6), "ruled out", True),
+])  # fmt: skip
+def test_a_contact_too_short_to_tell_is_not_as_released(interval, verdict, told):
+    change = incident_explain.CauseChange("k_w", "N/m", 8e5, interval, 4e5)
+    text = "plant and sensors are as released"
+    causes = (
+        incident_explain.TriedCause("command", text, (), 0.0, 0.0, 0.5, "explains"),
+        incident_explain.TriedCause(
+            "workpiece stiffness", "softer", (change,), -8.0, 8.0, 0.5, verdict
+        ),
+    )
+    best, other = incident_explain._untold(causes)
+    assert other == causes[1]
+    assert (best == causes[0]) == told
+    if not told:
+        assert best.verdict == "possible" and "as released" not in best.text
+        assert best.text.endswith("too short to exclude a large one: workpiece stiffness")
+
+
 @pytest.mark.parametrize("explained", [True, False])
 def test_the_exit_status_says_whether_a_cause_explains_the_second(stiff, monkeypatch, explained):
     found = SimpleNamespace(result=SimpleNamespace(explained=explained))

@@ -46,7 +46,7 @@ ENOUGH_TRAVELS = 1.2
 # TRAVELS_MAX: a motion ends after this many times the travel.
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
-SPEED_SAMPLES = 30  # number of the last samples from which the speed of a too fast motion follows
+SPEED_SAMPLES = 50  # number of the last samples from which the speed of a too fast motion follows
 # a smaller change of the position, in encoder counts, is not regarded as a motion
 MOTION_MIN_CNT = 6
 DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone, in DAC codes, is not regarded as friction
@@ -58,7 +58,7 @@ NOISE_SLIDES = 2.5
 # LEG_S and LEG_SAMPLES also apply while the force falls.
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # The travel that a Refusal recommends, divided by the travel that was needed.
-WIDER_FACTOR = 1.3
+WIDER_FACTOR = 1.5
 # Above this relative force error, friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
@@ -419,8 +419,8 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
     first = round(SETTLED_S * TICKS_PER_S)
     if last - first < RECORD_MIN_S * TICKS_PER_S:
         # The axis accelerates, so the speed at the end is the largest one.
-        recent = place[max(0, last - SPEED_SAMPLES) : max(last, 2)]
-        speed = abs(recent[-1] - recent[0]) * TICKS_PER_S / (len(recent) - 1)
+        recent = place[max(0, last - SPEED_SAMPLES) : max(last, 3)]
+        speed = abs(float(np.polyfit(np.arange(len(recent)) / TICKS_PER_S, recent, 1)[0]))
         raise _TooFast(speed * (SETTLED_S + RECORD_MIN_S) / (2 * TRAVEL_SHARE))
     if abs(place[last - 1] - place[first]) < MOTION_MIN_CNT:
         return None
