@@ -312,7 +312,9 @@ class Analyzer:
                 f"{reading:.3g}; move the axis out of contact and set the tare"
             )  # fmt: skip
         is_at_end = raw.min() == 0 or raw.max() == 2**self.objects.adc_bits - 1
-        return Rest(reading, None if is_at_end else noise_of(raw, self.held_ticks), int(np.median(place)))
+        return Rest(
+            reading, None if is_at_end else noise_of(raw, self.held_ticks), int(np.median(place))
+        )
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
         """Measures the frequency response from the DAC code to the measured force, while the axis
