@@ -58,6 +58,8 @@ RESTARTS = (1, 2, 3)
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
 # A pole with a larger damping ratio is stable without an exact analysis.
 SURELY_STABLE = 1e-6
+# A loop is stable at the smallest gain of the firmware if its poles decay faster than this.
+SLOWEST_DECAY_PER_S = 1e-6
 # A plant is evaluated on a full grid if its gain limit is below this multiple of the lowest one.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # for each law, largest number of random plants that are evaluated on a full grid
@@ -402,6 +404,12 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
         if np.all(poles.real < -SURELY_STABLE * np.abs(poles) - POLE_ROUNDING_PER_S):
             continue
         loop = plants.loop(member)
+        # The limit of a loop with a slow sensor takes seconds, its poles at one gain do not.
+        if (
+            loop.codes_per_gain
+            and loop.decay(GAIN_STEP / loop.codes_per_gain) > SLOWEST_DECAY_PER_S
+        ):
+            continue
         if loop.limit().gain == 0:
             raise InputError(
                 f"{loop.model}: {member.label()}: expected a plant whose force loop is stable "
