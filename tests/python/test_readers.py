@@ -67,7 +67,7 @@ def recording_used(recording):
         even.held(name, np.arange(20) / 1500)
         even.sampled(name, np.arange(20) / 1500)
     if "force" in recording:
-        level_of(recording["force"].values, "touch: force")
+        level_of(recording["force"].true_time_s, recording["force"].values, "touch: force")
 
 
 def imported_from(source, path):

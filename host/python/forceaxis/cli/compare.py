@@ -19,6 +19,7 @@ from forceaxis.cli.common import (
     print_json,
     set_option,
 )
+from forceaxis.recordings.model_error import words_of
 from forceaxis.recordings.signal_recording import INPUTS
 from forceaxis.words import plain
 
@@ -52,6 +53,12 @@ if TYPE_CHECKING:
     "input. Default: gap, if the model has it.",
 )  # fmt: skip
 @click.option(
+    "--model-error", "model_error", multiple=True, metavar="NAME=PERCENT%,...",
+    help="Errors of the model, such as drive=1%,force=2%,position=1%, in percent of the largest "
+    "command, of the largest force and of the path; 0 for none. Default: those of posterior.json "
+    "in --over.",
+)  # fmt: skip
+@click.option(
     "--span", "span_s", type=float,
     help="Time after the first contact that is compared, s. Default: all.",
 )  # fmt: skip
@@ -80,6 +87,7 @@ def compare(
     over: tuple[str, ...],
     input: str | None,
     gap: str | None,
+    model_error: tuple[str, ...],
     span_s: float | None,
     samples: int,
     seed: int,
@@ -93,14 +101,17 @@ def compare(
     The plant is fed with the recorded DAC codes, voltages, speeds or forces, without the firmware.
     With recorded set-points, or without a recorded input, the firmware's law controls the plant
     instead. Measured and predicted signals are aligned at the first contact. Each measured figure
-    has to be within a band. The band follows from the noise, the resolution and --over. If the
-    machine is as the model says, all bands of a recording together hold 95 % of the recordings. The
-    exit status is 1 if a figure is outside its band.
+    has to be within a band. The band follows from the noise, the resolution, --over and
+    --model-error. If the machine is as the model says, all bands of a recording together hold 95 %
+    of the recordings. If a figure is outside its band, the exit status is 1, and the command says
+    with which error of the model all figures would agree.
     """
     from forceaxis.experiments import compare as comparing
     from forceaxis.experiments.prediction import PredictionRequest
+    from forceaxis.recordings import model_error as errors
 
-    request = PredictionRequest(experiment, over, overrides, input, gap, samples, seed)
+    error = errors.parse(model_error) if model_error else None
+    request = PredictionRequest(experiment, over, overrides, input, gap, samples, seed, error)
     compared = [comparing.compare(request, file, span_s) for file in recordings]
     if out:
         from forceaxis.experiments import compare_plots
@@ -136,6 +147,14 @@ def text_of(result: "RecordingComparison") -> str:
     ]  # fmt: skip
     inside = ", ".join(f"{name} {100 * share:.3g} %" for name, share in result.inside.items())
     lines.append(f"inside       samples within their band of 95 %: {inside}")
+    if result.model_error:
+        lines.append(f"model error  {words_of(result.model_error)}: contained in the bands")
+    if result.needed_error:
+        given = ",".join(f"{n}={100 * one.share:g}%" for n, one in result.needed_error.items())
+        lines.append(
+            f"model error  {words_of(result.needed_error)}: with it, all figures would agree "
+            f"(--model-error {given})"
+        )
     return "\n".join(lines + [f"note         {note}" for note in result.notes])
 
 

@@ -17,7 +17,7 @@ from forceaxis._core import TICKS_PER_SECOND, InputError
 from forceaxis.commission import known
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
-from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, level_of, onset_of
+from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, largest_of, level_of, onset_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -141,6 +141,12 @@ class TouchDown:
     held: tuple[float, float] = (0.0, 0.0)
     recording: int = 0
 
+    @property
+    def zero_N(self) -> float:
+        """Returns the mean force before the onset, which is the zero of the sensor."""
+        before = self.force.values[self.force.at < self.onset]
+        return float(before.mean()) if len(before) else 0.0
+
     def until(self, steps: int, begin: int = 0) -> "TouchDown":
         """Returns the touch-down shortened to its first `steps` time steps. Samples before the time
         step `begin` are left out."""
@@ -232,9 +238,9 @@ def cuts_of(name: str, recording: SignalRecording) -> list[float]:
     of the time without contact. A contact that follows within OPEN_S belongs to the previous
     touch-down. Raises InputError."""
     force = _signal(name, recording, "force")
-    level = level_of(force.values, f"{name}: force")
+    level = level_of(force.true_time_s, force.values, f"{name}: force")
     above = force.values - level.zero
-    level = replace(level, contact=max(level.contact, RISEN_SHARE * float(above.max())))
+    level = replace(level, contact=max(level.contact, RISEN_SHARE * largest_of(above)))
     first = int(np.argmax(above > level.contact))
     starts, ends = contacts_of(force.true_time_s[first:], above[first:], level)
     cuts = []
@@ -416,9 +422,9 @@ class _Reader:
         """Returns the time step of the plant at which the force begins, and the number of force
         samples before it."""
         used = force.true_time_s >= first - 1e-9
-        values = force.values[used]
-        free = onset_of(values, level_of(values, f"{name}: force"))
-        return float((force.true_time_s[used][free] - first) * self.rate), free
+        times, values = force.true_time_s[used], force.values[used]
+        free = onset_of(times, values, level_of(times, values, f"{name}: force"))
+        return float((times[free] - first) * self.rate), free
 
     def _speed(self, position: Samples, begin: float, end: float) -> float:
         """Returns the mean speed of the axis in m/s between two time steps of the plant."""

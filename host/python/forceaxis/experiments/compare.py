@@ -8,12 +8,13 @@ its samples. If the machine is as the model says, all bands of a recording toget
 recordings.
 """
 
-import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy import special
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError
@@ -24,17 +25,21 @@ from forceaxis.experiments.prediction import (
     PredictionRequest,
     Predictor,
     SignalModel,
+    TouchArea,
 )
-from forceaxis.recordings import signal_recording
+from forceaxis.linear.posterior import ModelError
+from forceaxis.recordings import model_error, signal_recording
 from forceaxis.recordings.findings import quantum_of
+from forceaxis.recordings.model_error import ErrorSize
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.touch import (
     CONTACTS,
     IMPULSE_S,
     ForceLevel,
+    Touch,
     figures_of,
+    first_touch,
     level_of,
-    touch_of,
 )
 
 # Probability that all measured values of a recording are within their bands.
@@ -44,9 +49,12 @@ BEFORE_S = 0.05  # signals are compared and drawn from this time in s before the
 LEAST_SPAN_S = 0.02
 AFTER_S = 0.05  # each run lasts longer than the comparison by this time in s
 POINT_BAND = 1.96  # half width of the band of a single sample, in standard deviations
+AREA_SAMPLES = 3  # number of samples of the first contact from which the gap of a run is found
 SAME_TICKS = 2  # two first contacts with at most this distance in ticks are simultaneous
-# a characteristic value is expected if at least this fraction of the runs has this value
-LEAST_SHARE = 0.5
+NEEDED_SHARES = tuple(
+    float(f"{0.0005 * 1.25**i:.2g}") for i in range(28)
+)  # errors of the model that are tried
+LEAST_SHARE = 0.5  # a figure is expected if at least this share of the runs has it
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,11 @@ class RecordingComparison:
     figures: tuple[ComparedFigure, ...]
     # {signal: fraction of its samples that are within the band for a single sample}
     inside: dict[str, float]
+    # {signal: error of the model} that the bands contain
+    model_error: dict[str, ErrorSize]
+    # {signal: smallest error of the model} with which all figures would agree; {} if they agree, or
+    # if none of NEEDED_SHARES is sufficient
+    needed_error: dict[str, ErrorSize]
     notes: tuple[str, ...]
 
 
@@ -130,14 +143,28 @@ class _Figure:
 
 @dataclass
 class _Measured:
-    """The first contact of a recording."""
+    """The first contact of a recording. `area`: force of its first samples. `slope_N_per_s`: slope
+    of the force there. `bend_N`: largest error there of the line between two ticks of a run."""
 
     where: str
     predictor: Predictor
     touch_s: float  # time of the first contact in the recording
     level: ForceLevel
-    notes: list[str] = field(default_factory=list)
+    area: TouchArea
+    slope_N_per_s: float
+    bend_N: float
+    notes: list[str]
     gap_m: float | None = None
+
+    @property
+    def period_s(self) -> float:
+        """Returns the time in s between two samples of the force."""
+        return float(np.median(np.diff(self.predictor.recording["force"].true_time_s)))
+
+    @property
+    def start_s(self) -> float:
+        """Returns the time in s from tick 0 of a run to the first contact of the recording."""
+        return self.touch_s - self.predictor.start_s
 
 
 # (columns of a simulated run, time in s from tick 0 of the run to its first contact)
@@ -158,12 +185,19 @@ def compare(
     predictor = Predictor.of(request, recording)
     where = paths.display(file)
     force = recording["force"]
-    level = level_of(force.values, f"{where}: force")
-    touch_s = touch_of(force.true_time_s, force.values, level)
-    assert touch_s is not None  # touch_s is never None here, because level_of() has found a contact
+    level = level_of(force.true_time_s, force.values, f"{where}: force")
+    time_s = predictor.sample_times() if predictor.is_fed else force.true_time_s
+    sampled = recording.sampled("force", time_s)
+    found = first_touch(time_s, sampled, level)
+    if found is None:
+        raise InputError(
+            f"{where}: expected a contact that lasts for a tick of {TICK_S:.3g} s, got a shorter "
+            "one; record a contact that is held"
+        )
+    touch_s = found.time_s
     if span_s is not None:
         predictor.until_s = touch_s + span_s + AFTER_S
-    measured = _Measured(where, predictor, touch_s, level)
+    measured = _measured(where, predictor, (time_s, sampled - level.zero), level, found)
     runs = _runs(measured)
     lasts_s = min(
         float(force.true_time_s[-1]) - touch_s,
@@ -178,33 +212,95 @@ def compare(
     return _compared(measured, runs, _grid(measured, runs, lasts_s))
 
 
+def _measured(
+    where: str, predictor: Predictor, force: tuple[Floats, Floats], level: ForceLevel, found: Touch
+) -> _Measured:
+    """Returns the first contact of a recording. `force`: times, and forces above the zero."""
+    time_s, above = force
+    after = min(max(int(np.searchsorted(time_s, found.time_s)), 1), len(time_s) - 1)
+    slope = max(float(np.diff(above)[after - 1] / np.diff(time_s)[after - 1]), 1e-9)
+    begin_s, period_s = predictor.start_s, float(np.median(np.diff(time_s)))
+    share = float((time_s[after] - begin_s) / TICK_S % 1)
+    few = slice(after - 1, after + AREA_SAMPLES)
+    area = TouchArea(
+        found.time_s - begin_s, float(time_s[few][-1]) - begin_s,
+        float(above[few].sum()) * period_s, float(above[few].max()), period_s,
+    )  # fmt: skip
+    bend_N = share * (1 - share) * TICK_S * slope
+    notes = _touch_notes(found)
+    return _Measured(where, predictor, found.time_s, level, area, slope, bend_N, notes)
+
+
+def _touch_notes(found: Touch) -> list[str]:
+    """Returns notes about a first contact that the recording tells badly."""
+    notes = []
+    if found.is_single:
+        notes.append(
+            f"the first contact has one sample, {found.deviations:.3g} standard deviations of the "
+            f"noise; it is made between {found.open_s:.6g} s and the next sample"
+        )
+    if found.doubtful_s is not None:
+        notes.append(
+            f"it cannot be told whether the first contact is at {found.time_s:.6g} s or already at "
+            f"{found.doubtful_s:.6g} s, where the force is above the noise"
+        )
+    return notes
+
+
+def _missing(measured: _Measured, nominal: Columns) -> tuple[float, float]:
+    """Returns the standard deviation in N of the noise, and the step in N of the converter, that
+    the recording has and the runs do not have."""
+    predictor, level = measured.predictor, measured.level
+    force = predictor.force().of(nominal)
+    touch_s = min(measured.start_s, predictor.touch_s(nominal, level) or math.inf)
+    free = force[: max(2, round(touch_s / TICK_S) - 2)]
+    step = quantum_of(predictor.recording["force"].values)
+    return (
+        math.sqrt(max(0.0, level.noise**2 - float(free.std()) ** 2)),
+        0.0 if quantum_of(force) > 0.5 * step else step,
+    )
+
+
 def _runs(measured: _Measured) -> list[_Run]:
     """Returns runs with random values of the parameters. Raises InputError if no run makes
     contact."""
     predictor, request = measured.predictor, measured.predictor.request
+    rng = np.random.default_rng(request.seed)
     nominal = predictor.run(predictor.nominal, request.seed)
     if predictor.input == "force_setpoint":
         # The recorded set-points act at their recorded times after the first contact.
         found = predictor.touch_s(nominal, measured.level)
         if found is not None:
             predictor.setpoint_shift_s = found - measured.touch_s
-    touch_s = measured.touch_s - predictor.start_s
+    noise, step = _missing(measured, nominal)
     runs: list[_Run] = []
+    gaps: list[float] = []
     without = 0
     for seed, member in progress.each(
         list(enumerate(predictor.members(nominal, measured.level), request.seed)),
         "runs",
         request.samples,
     ):
-        own = predictor.with_gap(member, touch_s, measured.level)
-        if predictor.is_fed and predictor.gap in own and measured.gap_m is None:
-            measured.gap_m = own[predictor.gap]
-        columns = predictor.run(own, seed)
+        errors = noise * rng.standard_normal(AREA_SAMPLES) + step * rng.uniform(
+            -0.5, 0.5, AREA_SAMPLES
+        )
+        # Between two ticks a run is a line, but the force begins to rise there.
+        errors[0] += measured.bend_N * rng.uniform(-1, 1)
+        begin = measured.area
+        area = begin.area_N_s + float(errors.sum()) * begin.period_s
+        own, columns = predictor.touching(
+            member, seed, replace(begin, area_N_s=area), measured.level
+        )
         found = predictor.touch_s(columns, measured.level)
         if found is None:
             without += 1
+        elif predictor.has_gap:
+            gaps.append(own[str(predictor.gap)])
+            runs.append((columns, measured.start_s))
         else:
-            runs.append((columns, found))
+            # The error of the recorded time is also one of the alignment.
+            runs.append((columns, found + errors[-1] / measured.slope_N_per_s))
+    measured.gap_m = float(np.median(gaps)) if gaps else None
     if not runs:
         raise InputError(
             f"{paths.display(request.experiment)}: expected a simulated run with a contact, as in "
@@ -213,13 +309,13 @@ def _runs(measured: _Measured) -> list[_Run]:
         )
     if without:
         measured.notes.append(f"{without} of {request.samples} runs make no contact")
-    late_s = float(np.median([begin for _, begin in runs])) - touch_s
+    late_s = float(np.median([begin for _, begin in runs])) - measured.start_s
     for finding in predictor.recording["force"].findings:
         if finding.kind != "constant" and finding.to_s >= measured.touch_s:
             measured.notes.append(
                 f"{finding.kind} of the force at {finding.from_s:.6g} s: {finding.text}"
             )
-    if predictor.is_fed and abs(late_s) > SAME_TICKS * TICK_S:
+    if predictor.is_fed and abs(late_s) > max(SAME_TICKS * TICK_S, measured.period_s):
         measured.notes.append(
             f"the model makes contact {abs(late_s):.3g} s {'after' if late_s > 0 else 'before'} "
             f"the machine, so the recorded {predictor.input} acts at other times of the contact; "
@@ -241,49 +337,164 @@ def _grid(measured: _Measured, runs: Sequence[_Run], lasts_s: float) -> Floats:
     return np.asarray(time_s[inside])
 
 
+@dataclass(frozen=True)
+class _Signal:
+    """One signal at the times `grid` from the first contact: its measured values (n,), and those of
+    the runs (runs, n). `floor`: largest error of a value because of finite steps and samples.
+    `errors` (runs, n): an error of the model in each run, in units of its share; or None."""
+
+    model: SignalModel
+    grid: Floats
+    values: Floats
+    series: Floats
+    floor: float
+    quantum: float
+    errors: Floats | None
+    correlation_s: float
+
+    def with_error(self, share: float) -> Floats:
+        """Returns the runs with an error of the model of this share."""
+        return self.series if self.errors is None else self.series + share * self.errors
+
+
 def _compared(measured: _Measured, runs: Sequence[_Run], grid: Floats) -> ComparedRecording:
     predictor, level = measured.predictor, measured.level
     recording, request = predictor.recording, predictor.request
     rng = np.random.default_rng(request.seed)
-    figures: list[_Figure] = []
-    signals: list[ComparedSignal] = []
-    for model in predictor.signals:
-        name, source = model.name, recording[model.name]
-        values = recording.sampled(name, grid + measured.touch_s)
-        quantum = quantum_of(source.values)
-        floor = quantum / 2
-        series = _series(model, runs, grid)
-        if name == "force":
-            values = values - level.zero
-            series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
-            own = ForceLevel(0.0, level.noise, level.contact)
-            figures = _contact_figures(grid, values, series, own, quantum) + figures
-        elif name == "position":  # Position 0 of the machine is not position 0 of the model.
-            values = values - np.interp(0.0, grid, values)
-            # The time of the first contact is uncertain by half a sample.
-            floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
-        middle = np.median(series, axis=0)
-        spread = POINT_BAND * series.std(axis=0) + floor
-        signals.append(
-            ComparedSignal(name, model.unit, grid, values, middle, middle - spread, middle + spread)
-        )
-        figures.append(_residual(signals[-1], series, floor))
-    judged = _with_bands(figures)
+    signals = [_signal(measured, model, runs, grid, rng) for model in predictor.signals]
+    known = predictor.model_error
+    shares = {name: error.share for name, error in known.items() if name != "drive"}
+    judged, drawn = _judged(signals, shares, level)
+    agrees = all(one.agrees for one in judged)
+    needed = {} if agrees or known else _needed(signals, level)
+    sizes = _error_sizes(signals, known), _error_sizes(signals, needed)
     result = RecordingComparison(
         recording=measured.where, title=recording.title,
         experiment=paths.display(request.experiment),
-        agrees=all(one.agrees for one in judged), input=predictor.input,
+        agrees=agrees, input=predictor.input,
         touch_s=measured.touch_s, gap_m=measured.gap_m, zero_N=level.zero, noise_N=level.noise,
         runs=len(runs), span_s=float(grid[-1]), figures=judged,
-        inside={signal.name: signal.share_inside for signal in signals},
+        inside={signal.name: signal.share_inside for signal in drawn},
+        model_error=sizes[0], needed_error=sizes[1],
         notes=(*predictor.notes, *measured.notes),
     )  # fmt: skip
-    return ComparedRecording(result, tuple(signals))
+    return ComparedRecording(result, drawn)
 
 
-def _series(model: SignalModel, runs: Sequence[_Run], grid: Floats) -> Floats:
+def _signal(
+    measured: _Measured,
+    model: SignalModel,
+    runs: Sequence[_Run],
+    grid: Floats,
+    rng: np.random.Generator,
+) -> _Signal:
+    level, name = measured.level, model.name
+    source = measured.predictor.recording[name]
+    values = measured.predictor.recording.sampled(name, grid + measured.touch_s)
+    quantum = quantum_of(source.values)
+    floor = quantum / 2
+    series = _series(model, runs, grid, rng)
+    if name == "force":
+        values = values - level.zero
+        series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
+    elif name == "position":  # the position zero of the machine is not that of the model
+        values = values - np.interp(0.0, grid, values)
+        # The time of the first contact is uncertain by half a sample.
+        floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
+    known = measured.predictor.model_error.get(name)
+    correlation_s = known.correlation_s if known else model_error.CORRELATION_S
+    errors, after = None, grid >= 0
+    if name in ("force", "position") and np.count_nonzero(after) > 1:
+        errors = np.zeros(series.shape)
+        errors[:, after] = _errors(name, grid[after], np.median(series, axis=0)[after],
+                                   ModelError(1.0, correlation_s), rng, len(series))  # fmt: skip
+    return _Signal(model, grid, values, series, floor, quantum, errors, correlation_s)
+
+
+def _errors(
+    name: str,
+    time_s: Floats,
+    middle: Floats,
+    error: ModelError,
+    rng: np.random.Generator,
+    count: int,
+) -> Floats:
+    """Returns random errors (count, n) of the model in a signal. `middle` (n,): the predicted
+    signal."""
+    knots = model_error.knots_of(time_s, middle)
+    if name == "force":
+        basis = model_error.force_basis(time_s, middle, knots, 0.0)
+    else:
+        basis = model_error.position_basis(time_s, middle, knots)
+    drawn = rng.standard_normal((count, len(knots)))
+    return np.asarray(drawn @ (basis @ model_error.root_of(knots, error)).T)
+
+
+def _judged(
+    signals: Sequence[_Signal], shares: Mapping[str, float], level: ForceLevel
+) -> tuple[tuple[ComparedFigure, ...], tuple[ComparedSignal, ...]]:
+    """Returns the figures and the signals with their bands, for errors of the model with these
+    shares."""
+    figures: list[_Figure] = []
+    drawn: list[ComparedSignal] = []
+    for one in signals:
+        name, unit = one.model.name, one.model.unit
+        series = one.with_error(shares.get(name, 0.0))
+        if name == "force":
+            own = ForceLevel(0.0, level.noise, level.contact)
+            figures = _contact_figures(one.grid, one.values, series, own, one.quantum) + figures
+        middle = np.median(series, axis=0)
+        spread = POINT_BAND * series.std(axis=0) + one.floor
+        drawn.append(
+            ComparedSignal(name, unit, one.grid, one.values, middle, middle - spread,
+                           middle + spread)
+        )  # fmt: skip
+        figures.append(_residual(drawn[-1], series, one.floor))
+    return _with_bands(figures), tuple(drawn)
+
+
+def _needed(signals: Sequence[_Signal], level: ForceLevel) -> dict[str, ModelError]:
+    """Returns {signal: error of the model} with the smallest shares with which all figures agree,
+    or {} if this is not possible. A large error of the force causes contact losses, so the shares
+    that are tried begin with small ones."""
+
+    def differing(shares: Mapping[str, float]) -> set[str]:
+        figures = [one.figure for one in _judged(signals, shares, level)[0] if not one.agrees]
+        parts = [text.partition("residual of ")[2] for text in figures]
+        # All figures without a signal in their name are those of the force.
+        return {name or "force" for name in parts}
+
+    times = {one.model.name: one.correlation_s for one in signals if one.errors is not None}
+    names = differing({})
+    shares = {
+        name: share for name in sorted(names & times.keys())
+        if (share := next((s for s in NEEDED_SHARES if name not in differing({name: s})), None))
+    }  # fmt: skip
+    if shares.keys() != names:
+        return {}
+    return {name: ModelError(share, times[name]) for name, share in shares.items()}
+
+
+def _error_sizes(
+    signals: Sequence[_Signal], errors: Mapping[str, ModelError]
+) -> dict[str, ErrorSize]:
+    """Returns the sizes of errors of the model."""
+    most = {"force": 0.0, "position": 0.0}
+    for one in signals:
+        own = np.median(one.series, axis=0)[one.grid >= 0]
+        if one.model.name == "force":
+            most["force"] = float(own.max())
+        elif one.model.name == "position":
+            most["position"] = float(model_error.path_of(own)[-1])
+    return model_error.sizes_of(errors, None, most["force"], most["position"])
+
+
+def _series(
+    model: SignalModel, runs: Sequence[_Run], grid: Floats, rng: np.random.Generator
+) -> Floats:
     """Returns one signal of all runs at the times `grid` from the first contact, as an array
-    (runs, n)."""
+    (runs, n). Between two ticks the signal is a line. Where its slope changes, it differs from the
+    line by an unknown part of this change, which is added at random."""
     rows = []
     for columns, begins_s in runs:
         values = model.of(columns)
@@ -291,6 +502,13 @@ def _series(model: SignalModel, runs: Sequence[_Run], grid: Floats) -> Floats:
         at = np.interp(grid, time_s, values)
         if model.name == "position":
             at = at - np.interp(0.0, time_s, values)
+        if model.name == "force":
+            place = np.clip((grid - time_s[0]) / TICK_S, 0.0, len(values) - 1.001)
+            low = place.astype(int)
+            bend = np.abs(np.diff(values, 2, prepend=values[0], append=values[-1]))
+            bend = np.maximum(bend[low], bend[low + 1])
+            share = (place - low) * (1 - place + low)
+            at = at + rng.uniform(-1, 1, len(grid)) * share * bend
         rows.append(at)
     return np.array(rows)
 
@@ -355,16 +573,14 @@ def _share(values: Sequence[float | None]) -> float:
 
 
 def _with_bands(figures: Sequence[_Figure]) -> tuple[ComparedFigure, ...]:
-    """Returns the characteristic values with their bands. With the probability CONFIDENCE, all
-    measured values are within their bands. A band is the range of all runs, or as many standard
-    deviations as a normal distribution needs, whichever is wider. The resolution is added to the
-    band."""
+    """Returns the figures with their bands. The bands contain all measured values together with the
+    probability CONFIDENCE. A band is the range of all runs, or as many standard deviations as
+    Student's t distribution needs, whichever is wider. The resolution is added to it."""
     tail = (1 - CONFIDENCE) / (2 * len(figures))
-    deviations = statistics.NormalDist().inv_cdf(1 - tail)
-    return tuple(_with_band(figure, deviations) for figure in figures)
+    return tuple(_with_band(figure, tail) for figure in figures)
 
 
-def _with_band(figure: _Figure, deviations: float) -> ComparedFigure:
+def _with_band(figure: _Figure, tail: float) -> ComparedFigure:
     known = np.array([value for value in figure.runs if value is not None])
     if _share(figure.runs) < LEAST_SHARE:
         is_rare = figure.measured is None or len(known) > 0
@@ -374,7 +590,11 @@ def _with_band(figure: _Figure, deviations: float) -> ComparedFigure:
                 figure.figure, figure.unit, figure.measured, None, None, None, is_rare
             )
     middle = float(np.median(known))
-    width = deviations * float(known.std())
+    width = 0.0
+    if len(known) > 1:
+        # The deviation of a few runs is not well known.
+        factor = float(special.stdtrit(len(known) - 1, 1 - tail)) * math.sqrt(1 + 1 / len(known))
+        width = factor * float(known.std(ddof=1))
     low = min(float(known.min()), middle - width) - figure.resolution
     high = max(float(known.max()), middle + width) + figure.resolution
     low = max(low, 0.0) if figure.unit in ("s", "") else low  # a time or a count is never negative

@@ -17,8 +17,9 @@ from forceaxis.experiments.run_result import Converter
 from forceaxis.linear import settings
 from forceaxis.linear.plant_facts import PlantFacts
 from forceaxis.linear.plant_set import Range, ranges_beside
-from forceaxis.linear.posterior import Posterior
+from forceaxis.linear.posterior import ModelError, Posterior
 from forceaxis.linear.system import facts
+from forceaxis.recordings.model_error import CORRELATION_S, knots_of, root_of
 from forceaxis.recordings.signal_recording import (
     COMMANDS,
     INPUTS,
@@ -34,7 +35,9 @@ SETPOINTS_MAX = 500  # largest number of changes of a recorded set-point
 # inputs of a run that exist only on an axis with this firmware
 OF_FIRMWARE = ("code", "force_setpoint")
 DEFAULT_GAP = "gap"  # name of the model parameter that moves the first contact by default
-FAR_M = 1.0  # length in m that is added to the gap, so that a run makes no contact
+# A gap is found with at most GAP_RUNS runs, or until the contact is within GAP_TICKS ticks.
+GAP_RUNS, GAP_TICKS = 5, 0.01
+FAR_M = 1.0  # length in m by which the gap is enlarged, so that a run makes no contact
 
 Member = Mapping[str, float]  # {parameter: value in SI units} of one run
 Columns = Mapping[str, Floats]
@@ -53,6 +56,8 @@ class PredictionRequest:
     gap: str | None = None  # name of the model parameter that moves the first contact
     samples: int = 40
     seed: int = 1
+    # {signal: share} of the errors of the model; None: those of the posterior in `over`
+    model_error: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,34 @@ class SignalModel:
     def of(self, columns: Columns) -> Floats:
         """Returns the values of the signal in `unit`, one for each tick."""
         return np.asarray((columns[self.column].astype(float) - self.zero) * self.factor)
+
+
+@dataclass(frozen=True)
+class TouchArea:
+    """The recorded first contact, from which the gap of a run is found. `touch_s`: its time in s
+    from tick 0 of a run. `to_s`: end of the first samples after it. `area_N_s`: area of the
+    recorded force above its zero from a sample before `touch_s` to `to_s`. It tells the instant of
+    the contact more exactly than the time at which the force rises through a level, which is hardly
+    different for a small and for a large force in the first sample. `top_N`: largest force there.
+    `period_s`: time between two samples."""
+
+    touch_s: float
+    to_s: float
+    area_N_s: float
+    top_N: float
+    period_s: float
+
+    @property
+    def from_s(self) -> float:
+        """Returns the begin of the area in s from tick 0 of a run."""
+        return self.touch_s - self.period_s
+
+    def late_s(self, time_s: Floats, force: Floats) -> float:
+        """Returns by how much the first contact of a run is later than the recorded one."""
+        inside = (time_s > self.from_s - 1e-9) & (time_s < self.to_s + 1e-9)
+        area = float(force[inside].sum()) * self.period_s
+        most = self.to_s - self.from_s
+        return min(max((self.area_N_s - area) / self.top_N, -most), most)
 
 
 @dataclass
@@ -89,6 +122,7 @@ class Predictor:
     # shift of the recorded set-points in s; it is set when both first contacts are known
     setpoint_shift_s: float = 0.0
     _commands: Floats | None = None
+    _is_gap_known: bool = False
 
     @classmethod
     def of(cls, request: PredictionRequest, recording: SignalRecording) -> "Predictor":
@@ -217,6 +251,18 @@ class Predictor:
         return None
 
     @property
+    def model_error(self) -> dict[str, ModelError]:
+        """Returns {kind: error of the model} that the bands contain. An error of the drive changes
+        the recorded command, so runs with the law of the firmware do not have it."""
+        fitted = self.posterior.model_error if self.posterior else {}
+        if self.request.model_error is None:
+            return fitted
+        return {
+            name: ModelError(share, fitted[name].correlation_s if name in fitted else CORRELATION_S)
+            for name, share in self.request.model_error.items()
+        }
+
+    @property
     def nominal(self) -> dict[str, float]:
         """Returns the most likely values of the parameters of the posterior."""
         own = self.posterior
@@ -250,6 +296,7 @@ class Predictor:
 
     def _fed(self, member: Member, seed: int) -> Columns:
         commands, is_volts = self._command_of_ticks()
+        commands = self._with_error(commands, seed)
         names = [m.column for m in self.signals if "." in m.column]
         names += [f"{c}.deflection" for c in self.inputs.contacts[:1]]
         plant = _core.Plant(
@@ -263,6 +310,19 @@ class Predictor:
             ) from None
         columns = dict(zip(("encoder", "adc0", "adc1"), codes.T, strict=True))
         return columns | dict(zip(names, signals.T, strict=True))
+
+    def _with_error(self, commands: Floats, seed: int) -> Floats:
+        """Returns the commands of a run with a random error of the drive."""
+        error = self.model_error.get("drive")
+        if error is None:
+            return commands
+        rng = np.random.default_rng([seed, 1])
+        at_s: Floats = self.start_s + np.arange(len(commands), dtype=np.float64) * TICK_S
+        force = self.recording.sampled("force", at_s)
+        knots = knots_of(at_s, force)
+        drawn = root_of(knots, error) @ rng.standard_normal(len(knots))
+        moved = commands + float(np.abs(commands).max()) * np.interp(at_s, knots, drawn)
+        return np.asarray(np.clip(np.round(moved), -2048, 2047) if self.input == "code" else moved)
 
     def _enabled(self, ticks: int) -> NDArray[np.bool_] | None:
         """Returns an array that tells for each tick whether the recorded drive is enabled. Returns
@@ -338,30 +398,53 @@ class Predictor:
         """Returns the SignalModel of the force."""
         return next(model for model in self.signals if model.name == "force")
 
-    def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
-        """Returns the time of the first contact of a run in s from tick 0, or None without contact.
-        The contact is detected at the same threshold of the force as in the recording."""
+    def sample_times(self) -> Floats:
+        """Returns the times in s of the recording at which its force and that of a run with its
+        commands are sampled to find the first contact. A contact that lasts for one sample is then
+        the same in both. They are the recorded times, or the ticks if there is more than one sample
+        a tick."""
+        times = self.recording["force"].true_time_s
+        if float(np.median(np.diff(times))) >= 0.999 * TICK_S:
+            return times
+        first = math.ceil((times[0] - self.start_s) / TICK_S - 1e-6)
+        last = math.floor((times[-1] - self.start_s) / TICK_S + 1e-6)
+        return np.asarray(self.start_s + np.arange(first, last + 1) * TICK_S)
+
+    def sampled_force(self, columns: Columns) -> tuple[Floats, Floats]:
+        """Returns times in s from tick 0 of a run, and its force at these times: at sample_times()
+        for a run with the recorded commands, else at the ticks."""
         force = self.force().of(columns)
         time_s: Floats = np.arange(len(force), dtype=np.float64) * TICK_S
+        if not self.is_fed:
+            return time_s, force
+        at_s = self.sample_times() - self.start_s
+        at_s = at_s[(at_s >= 0) & (at_s <= time_s[-1])]
+        return at_s, np.interp(at_s, time_s, force)
+
+    def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
+        """Returns the time of the first contact of a run in s from tick 0, or None without contact.
+        The contact is found at the same level of the force as in the recording."""
+        time_s, force = self.sampled_force(columns)
         return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))
 
-    def with_gap(self, member: Member, touch_s: float, level: ForceLevel) -> dict[str, float]:
-        """Returns `member` with a changed gap. With this gap, a run with the recorded inputs makes
-        contact `touch_s` after tick 0. If the model has no such parameter, the result equals
-        `member`. Raises InputError."""
-        if self.gap is None or not self.is_fed:
-            return dict(member)
+    def touching(
+        self, member: Member, seed: int, begin: "TouchArea", level: ForceLevel
+    ) -> tuple[dict[str, float], Columns]:
+        """Returns `member` with a changed gap, and the columns of its run. With this gap, the run
+        with the recorded inputs and the noise of `seed` has the area of the force of `begin`. Since
+        each seed has another noise, the gaps of many runs have the distribution of the gap that the
+        recorded contact leaves. If the model has no such parameter, the result has `member`. Raises
+        InputError."""
+        if not self.has_gap:
+            return dict(member), self.run(member, seed)
+        assert self.gap is not None
         own = self.inputs.parameters[self.gap].value
         contact = f"{self.inputs.contacts[0]}.deflection"
-        free = self.run({**member, self.gap: own + FAR_M}, 0)[contact]
-        moved = float(free[0]) - float(self.run({**member, self.gap: own}, 0)[contact][0])
-        if not math.isclose(moved, -FAR_M, rel_tol=1e-6):
-            raise ParameterError(
-                "gap", f"{self.gap}: expected a parameter that moves the contact "
-                f"{self.inputs.contacts[0]} by its own value, got one that moves it by {moved:g}"
-            )  # fmt: skip
-        tick = min(max(round(touch_s / TICK_S), 1), len(free) - 2)
-        gap = own + FAR_M + float(np.interp(touch_s / TICK_S, np.arange(len(free)), free))
+        free = self.run({**member, self.gap: own + FAR_M}, seed)[contact]
+        self._expect_gap(member, own, float(free[0]), contact)
+        tick = min(max(round(begin.touch_s / TICK_S), 1), len(free) - 2)
+        at = begin.touch_s / TICK_S
+        gap = own + FAR_M + float(np.interp(at, np.arange(len(free)), free))
         speed = float(free[tick + 1] - free[tick - 1]) / (2 * TICK_S)
         if not speed > 0:
             raise InputError(
@@ -370,11 +453,37 @@ class Predictor:
                 "the model away from it; import the signal with the opposite sign, or give "
                 "another `input`"
             )
-        for _ in range(2):
-            found = self.touch_s(self.run({**member, self.gap: gap}, 0), level)
-            if found is not None:
-                gap += speed * (touch_s - found)
-        return {**member, self.gap: gap}
+        best: tuple[float, dict[str, float], Columns] | None = None
+        for _ in range(GAP_RUNS):
+            tried = {**member, self.gap: gap}
+            columns = self.run(tried, seed)
+            late_s = begin.late_s(*self.sampled_force(columns))
+            if best is None or abs(late_s) < abs(best[0]):
+                best = late_s, tried, columns
+            if abs(late_s) < GAP_TICKS * TICK_S:
+                break
+            gap -= speed * late_s
+        assert best is not None
+        return best[1], best[2]
+
+    @property
+    def has_gap(self) -> bool:
+        """Returns True if the gap of a run is found from the recorded first contact."""
+        return self.gap is not None and self.is_fed
+
+    def _expect_gap(self, member: Member, own: float, far: float, contact: str) -> None:
+        """Raises ParameterError if the parameter of the gap does not move the contact by its own
+        value. Only the first run tests this."""
+        if self._is_gap_known:
+            return
+        assert self.gap is not None
+        moved = far - float(self.run({**member, self.gap: own}, 0)[contact][0])
+        if not math.isclose(moved, -FAR_M, rel_tol=1e-6):
+            raise ParameterError(
+                "gap", f"{self.gap}: expected a parameter that moves the contact "
+                f"{self.inputs.contacts[0]} by its own value, got one that moves it by {moved:g}"
+            )  # fmt: skip
+        self._is_gap_known = True
 
 
 def _override_values(texts: Sequence[str]) -> dict[str, float | str]:

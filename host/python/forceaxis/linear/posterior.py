@@ -1,7 +1,7 @@
 """A posterior distribution of the parameters of a model. It defines a set of plants in place of
 ranges. It consists of joint samples of parameters that explain recordings of contacts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -21,17 +21,28 @@ LOW, HIGH = 0.025, 0.975  # ends of the interval of a parameter that contains 95
 
 
 @dataclass(frozen=True)
+class ModelError:
+    """The error of a model that is nearly right, in one signal. `share`: standard deviation of the
+    error, divided by the largest force or by the path. `correlation_s`: time in s over which the
+    error is correlated."""
+
+    share: float
+    correlation_s: float
+
+
+@dataclass(frozen=True)
 class Posterior:
     """Samples of the parameters of a model. There are p parameters and n samples. `format`: FORMAT.
     `names` (p,): parameters of the model. `best` (p,): most likely values in SI units. `samples`
     (n, p): values in SI units. `log_density` (n,): logarithm of the density of each sample, up to a
-    constant."""
+    constant. `model_error`: {signal: error of the model with which it explains the recordings}."""
 
     format: str
     names: tuple[str, ...]
     best: tuple[float, ...]
     samples: tuple[tuple[float, ...], ...]
     log_density: tuple[float, ...]
+    model_error: dict[str, ModelError] = field(default_factory=dict)
 
     @cached_property
     def table(self) -> NDArray[np.float64]:

@@ -8,26 +8,34 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from forceaxis._core import InputError
 from forceaxis.recordings.findings import quantum_of
 from forceaxis.recordings.signal_recording import Floats
 
-LEAST_BEFORE = 8  # smallest number of samples that a recording needs before the first contact
-# A force counts as contact if it is larger than each of three levels.
-# The three levels are multiples of the noise, the largest force, and the smallest step.
-NOISE_FACTOR, PEAK_SHARE, QUANTA = 6.0, 0.02, 1.5
-# largest value of the level from the smallest step, relative to the largest force
-COARSE_SHARE = 0.5
-# Two thresholds of the force define the sample at which the force begins to rise.
-# The first threshold for the rise of the force is a multiple of the noise of the force.
-# The second threshold for the rise of the force is a fraction of the largest force.
-# The rise begins after the last sample below the first, before the force exceeds the second.
-QUIET_FACTOR, RISEN_SHARE = 3.0, 0.1
-LOST_SHARE = 0.5  # A contact is lost when the force is below this fraction of the level of contact.
-# The held force is the mean over the end of the signal: this fraction of its samples.
+LEAST_BEFORE = 8  # smallest number of samples before the first contact
+# A single sample above all of three levels is a contact.
+# The first level is so many standard deviations of the noise that noise alone exceeds it with the
+# probability FALSE_ALARM in a whole recording.
+# The second level is a share of the largest force, and the third one a number of smallest steps.
+FALSE_ALARM, PEAK_SHARE, QUANTA = 1e-3, 0.005, 1.5
+COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
+# A contact of one sample is followed by another contact within RETURN_S, because the axis presses.
+# A single sample without this is a disturbance of the sensor.
+# Such a sample is also a disturbance if it is more than DISTURBED_FACTOR times as large as every
+# force that two successive samples reach.
+RETURN_S, DISTURBED_FACTOR = 0.5, 10.0
+# The force begins to rise at the last sample below this multiple of the noise before a contact.
+QUIET_FACTOR = 3.0
+DEVIATION = (0.1587, 0.8413)  # shares of normal values below one deviation under and over the mean
+RISEN_SHARE = 0.1  # share of the largest force above which a contact is a touch-down of its own
+LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
+# the held force is the mean of this share of the signal, at its end
 HELD_SHARE, HELD_LEAST = 0.2, 10
-SETTLED_SHARE = 0.05  # half width of the settling band, relative to the held force
+# Half width of the settling band, as a share of the held force and as a multiple of the noise.
+# Noise alone leaves a narrower band in one of many samples, which would then be the settling time.
+SETTLED_SHARE, SETTLED_NOISES = 0.05, 5.0
 IMPULSE_S = 0.025
 CONTACTS = 3  # number of contacts whose start and end times are evaluated
 
@@ -38,8 +46,9 @@ class ForceLevel:
     three are in the unit of the force."""
 
     zero: float
-    noise: float  # standard deviation of the noise of the force
-    contact: float  # The axis is in contact if the force exceeds the zero by at least this value.
+    noise: float  # standard deviation of the noise
+    contact: float  # from this force above the zero on, the axis is in contact
+    noises: float = 0.0  # largest force above the zero that noise alone may have
 
 
 @dataclass(frozen=True)
@@ -56,58 +65,123 @@ class ContactFigures:
     held_N: float
 
 
-def level_of(force: Floats, where: str) -> ForceLevel:
-    """Returns the zero, the noise and the level of contact of a force (n,). Raises InputError if
-    there is no contact, or too few samples before the contact."""
-    head = force[: max(LEAST_BEFORE, len(force) // 50)]
+@dataclass(frozen=True)
+class Touch:
+    """The first contact of a force. `time_s`: time at which the force rises through the level of
+    contact. `open_s`: time of the sample before it, which is the last one without contact. So the
+    contact is made between `open_s` and the next sample. `deviations`: first force in contact, in
+    standard deviations of the noise. `is_single`: True if the contact has one sample.
+    `doubtful_s`: time of an earlier sample that is above the noise but below the level of contact,
+    or None. It cannot be told whether the contact is made there already."""
+
+    time_s: float
+    open_s: float
+    deviations: float
+    is_single: bool
+    doubtful_s: float | None
+
+
+def level_of(time_s: Floats, force: Floats, where: str) -> ForceLevel:
+    """Returns the zero, the noise and the level of contact of a force (n,) at the times `time_s`.
+    Raises InputError if there is no contact, or too few samples before the contact."""
+    head = force[:LEAST_BEFORE]
+    largest = largest_of(force - float(np.median(head)))
+    # A first contact with a small force hardly changes medians of all samples before a large one.
+    risen = int(np.argmax(force - float(np.median(head)) > RISEN_SHARE * largest))
+    head = force[: max(LEAST_BEFORE, risen)]
     zero = float(np.median(head))
-    largest = float(np.max(force - zero, initial=0.0))
-    # The steps of a converter with few bits may be large in comparison with the force.
-    steps = min(QUANTA * quantum_of(force), COARSE_SHARE * largest)
-    rough = 1.4826 * float(np.median(np.abs(head - zero)))
-    level = max(NOISE_FACTOR * rough, PEAK_SHARE * largest, steps)
-    first = _first_above(force - zero, level)
+    largest = largest_of(force - zero)
+    # The levels of a converter with few bits may be far apart, and most values may be the same.
+    quantum = quantum_of(force)
+    steps = min(QUANTA * quantum, COARSE_SHARE * largest)
+    noise = float(np.ptp(np.quantile(head, DEVIATION))) / 2
+    noise += min(quantum / 2, PEAK_SHARE * largest)
+    # The noise of a few samples is a rough one, that of all samples before the contact a good one.
+    count = len(head)
+    for _ in range(3):
+        noises = _factor(len(force), count) * noise
+        contact = max(noises, PEAK_SHARE * largest, steps)
+        first = _first_contact(time_s, force - zero, contact)
+        if first is None:
+            raise InputError(
+                f"{where}: expected a force that is positive in compression and rises at a "
+                f"contact, but the recorded force exceeds its value without contact, {zero:.4g} N, "
+                f"by at most {largest:.4g} N; import the force with the opposite sign, or record a "
+                "contact"
+            )
+        before = force[: max(0, first - 2)]
+        if len(before) < LEAST_BEFORE:
+            raise InputError(
+                f"{where}: expected at least {LEAST_BEFORE} samples before the first contact, got "
+                f"{len(before)}; begin the recording earlier"
+            )
+        # A disturbance of the sensor is no noise.
+        before = before[np.abs(before - zero) <= contact]
+        zero, noise, count = float(before.mean()), float(before.std()), len(before)
+    return ForceLevel(zero, noise, contact, noises)
+
+
+def largest_of(above: Floats) -> float:
+    """Returns the largest value that is no disturbance of the sensor."""
+    pairs = float(np.max(np.minimum(above[1:], above[:-1]), initial=0.0))
+    return float(np.max(above[above <= DISTURBED_FACTOR * pairs], initial=0.0))
+
+
+def _factor(samples: int, before: int) -> float:
+    """Returns the level of contact in standard deviations of the noise, which is computed from
+    `before` samples. None of `samples` values of normal noise exceeds it with the probability
+    1 - FALSE_ALARM."""
+    degrees = max(before, 2) - 1
+    return float(special.stdtrit(degrees, 1 - FALSE_ALARM / samples)) * math.sqrt(1 + 1 / before)
+
+
+def first_touch(time_s: Floats, force: Floats, level: ForceLevel) -> Touch | None:
+    """Returns the first contact of a force (n,) at the times `time_s`, or None."""
+    above = force - level.zero
+    first = _first_contact(time_s, above, level.contact)
     if first is None:
-        raise InputError(
-            f"{where}: expected a force that is positive in compression and rises at a contact, "
-            f"but the recorded force exceeds its value without contact, {zero:.4g} N, by at most "
-            f"{largest:.4g} N; import the force with the opposite sign, or record a contact"
-        )
-    before = force[: max(0, first - 2)]
-    if len(before) < LEAST_BEFORE:
-        raise InputError(
-            f"{where}: expected at least {LEAST_BEFORE} samples before the first contact, got "
-            f"{len(before)}; begin the recording earlier"
-        )
-    zero, noise = float(before.mean()), float(before.std())
-    contact = max(NOISE_FACTOR * noise, PEAK_SHARE * largest, steps)
-    return ForceLevel(zero, noise, contact)
+        return None
+    deviations = math.inf if level.noise == 0 else float(above[first]) / level.noise
+    single = first + 1 == len(above) or bool(above[first + 1] <= level.contact)
+    early = np.flatnonzero((above[:first] > level.noises) & (level.noises > 0))
+    quiet = np.flatnonzero(above[:first] <= QUIET_FACTOR * level.noise)
+    # Without a quiet sample in between, an earlier sample is in the same rise of the force.
+    early = early[(early < quiet.max(initial=-1)) & (time_s[first] - time_s[early] < RETURN_S)]
+    return Touch(
+        _crossing(time_s, above, first, level.contact), float(time_s[max(first - 1, 0)]),
+        deviations, single, float(time_s[early[0]]) if len(early) else None,
+    )  # fmt: skip
 
 
 def touch_of(time_s: Floats, force: Floats, level: ForceLevel) -> float | None:
-    """Returns the time in s at which a force (n,) first rises through the level of contact. Returns
-    None if it never does."""
-    above = force - level.zero
-    first = _first_above(above, level.contact)
-    return None if first is None else _crossing(time_s, above, first, level.contact)
+    """Returns the time in s at which a force (n,) rises through the level of contact for the first
+    time. Returns None if there is no such time."""
+    found = first_touch(time_s, force, level)
+    return found.time_s if found else None
 
 
-def onset_of(force: Floats, level: ForceLevel) -> int:
-    """Returns the index of the last sample before a force (n,) first begins to rise. This sample is
-    earlier than touch_of(), the time at which the force reaches the level of contact."""
+def onset_of(time_s: Floats, force: Floats, level: ForceLevel) -> int:
+    """Returns the index of the last sample before a force (n,) begins to rise for the first time.
+    This is before touch_of(), at which the force has already risen to the level of contact."""
     above = force - level.zero
-    largest = float(above.max())
-    first = int(np.argmax(above > RISEN_SHARE * largest))
-    quiet = np.flatnonzero(above[:first] <= QUIET_FACTOR * level.noise + 1e-12 * largest)
+    first = _first_contact(time_s, above, level.contact) or 0
+    quiet = np.flatnonzero(above[:first] <= QUIET_FACTOR * level.noise + 1e-12 * above.max())
     return int(quiet[-1]) if len(quiet) else first
 
 
-def _first_above(above: Floats, level: float) -> int | None:
-    """Returns the index of the first value above `level` that is followed by another one above it.
-    Returns None if there is none."""
-    is_above = above > level
-    places = np.flatnonzero(is_above[:-1] & is_above[1:])
-    return int(places[0]) if len(places) else None
+def _first_contact(time_s: Floats, above: Floats, level: float) -> int | None:
+    """Returns the index of the first value above `level` that is no disturbance of the sensor, or
+    None."""
+    places = np.flatnonzero(above > level)
+    if not len(places):
+        return None
+    later_s = np.append(np.diff(time_s[places]), math.inf)
+    is_single = np.append(np.diff(places) > 1, True)
+    is_single[1:] &= np.diff(places) > 1
+    pairs = float(np.max(np.minimum(above[1:], above[:-1]), initial=0.0))
+    is_disturbed = is_single & ((later_s > RETURN_S) | (above[places] > DISTURBED_FACTOR * pairs))
+    found = places[~is_disturbed]
+    return int(found[0]) if len(found) else None
 
 
 def _crossing(time_s: Floats, values: Floats, index: int, level: float) -> float:
@@ -129,7 +203,7 @@ def figures_of(time_s: Floats, force: Floats, level: ForceLevel) -> ContactFigur
     begin = time_s <= IMPULSE_S
     held_from = max(0, min(len(above) - HELD_LEAST, math.floor((1 - HELD_SHARE) * len(above))))
     held = float(above[held_from:].mean())
-    width = max(SETTLED_SHARE * abs(held), 3 * level.noise)
+    width = max(SETTLED_SHARE * abs(held), SETTLED_NOISES * level.noise)
     outside = np.flatnonzero(np.abs(above - held) > width)
     last = int(outside[-1]) if len(outside) else -1
     settled = last < held_from
@@ -153,11 +227,11 @@ def contacts_of(
     ends: list[float] = []
     pressed = True
     low, high = LOST_SHARE * level.contact, level.contact
-    for index in range(1, len(above) - 1):
-        if pressed and above[index] < low and above[index + 1] < low:
+    for index in range(1, len(above)):
+        if pressed and above[index] < low:
             ends.append(_crossing(time_s, above, index, low))
             pressed = False
-        elif not pressed and above[index] > high and above[index + 1] > high:
+        elif not pressed and above[index] > high:
             starts.append(_crossing(time_s, above, index, high))
             pressed = True
     return tuple(starts), tuple(ends)
