@@ -174,7 +174,7 @@ def recorded(path: Path, signals: str) -> Recorded:
     time_s = np.linspace(signal.true_time_s[0], signal.true_time_s[-1], len(signal.values))
     if np.abs(time_s - signal.true_time_s).max() > (time_s[1] - time_s[0]) / 4:
         raise InputError(f"{path.name}: expected equally spaced samples; cut the file at its gaps")
-    level = touch.level_of(Force(time_s, signal.values).smooth(), path.name)
+    level = touch.level_of(time_s, Force(time_s, signal.values).smooth(), path.name)
     level, zero = ForceLevel(0.0, level.noise, level.contact), level.zero
     return Recorded(path.name, Force(time_s, signal.values - zero).aligned(level), level)
 
