@@ -98,9 +98,11 @@ class ModeObjects(StatusObjects):
 
 @dataclass(frozen=True)
 class ReachedPosition(StatusObjects):
-    """The statusword of the axis, and the position in encoder counts at the end of a move."""
+    """The statusword of the axis, and the position in encoder counts at the end of a move.
+    `contact`: 1 if the axis was in contact then."""
 
     position: int
+    contact: int
 
 
 class Drive(AxisValues):
@@ -211,11 +213,14 @@ class Drive(AxisValues):
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
 
-    def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
+    def move(
+        self, position: int | str, timeout_s: float = 20.0, until_contact: bool = False
+    ) -> ReachedPosition:
         """Moves the axis to `position` in profile position mode. Waits until the axis has reached
         the position, for at most `timeout_s` by the clock of the axis. `position`: number in user
-        units of the axis, or a text such as "10 mm". Raises InputError for a position beyond a
-        limit, Refused if a limit has changed during the motion, and NoAnswer."""
+        units of the axis, or a text such as "10 mm". With `until_contact`, it also returns when the
+        axis comes into contact; the axis then still moves. Raises InputError for a position beyond
+        a limit, Refused if a limit has changed during the motion, and NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
         self.wait_for(
@@ -224,7 +229,7 @@ class Drive(AxisValues):
         self.set(controlword=ENABLE)
         reached = self.wait_for(
             ReachedPosition,
-            lambda s: s.statusword & TARGET_REACHED,
+            lambda s: s.statusword & TARGET_REACHED or (until_contact and s.contact),
             f"position {position} to be reached",
             timeout_s,
         )

@@ -30,7 +30,7 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis import bounds
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.drive import ExcitationObjects
+from forceaxis.axis.drive import ExcitationObjects, ReachedPosition
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
 from forceaxis.bus.client import Value
 from forceaxis.commission import known, response
@@ -55,6 +55,8 @@ FORCE_MIN_SHARE = 0.5
 FORCE_MARGIN_SHARE = 0.1
 DAC_BITS = 12  # resolution in bits at which the output has whole DAC codes
 RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
+# longest time in s of a move: MOVE_S, plus MOVE_FACTOR times its distance divided by its speed
+MOVE_S, MOVE_FACTOR = 20.0, 2.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
@@ -775,7 +777,12 @@ class Analyzer:
             self.refuse_contact()
 
     def refuse_contact(self) -> NoReturn:
-        """Disables an axis that has unexpectedly come into contact, and raises Refusal."""
+        """Stops an axis that has unexpectedly come into contact, moves it back to the position at
+        which the measurement began, disables it there, and raises Refusal. An axis that is disabled
+        in contact is pushed away by its force, and coasts."""
+        self.axis.stop()
+        with contextlib.suppress(NoAnswer, Refused):
+            self.go_home()
         self.axis.disable()
         raise Refusal(
             "contact",
@@ -789,12 +796,25 @@ class Analyzer:
         or a weight."""
         return max(self.objects.position_window, round(WINDOW_SHARE * self.order.travel))
 
+    def go(self, position: int, until_contact: bool = False) -> ReachedPosition:
+        """Moves the axis to `position` in encoder counts, at most at the speed of the approach, so
+        that it does not strike the workpiece harder than at a first contact. With `until_contact`,
+        it also returns when the axis comes into contact; the axis then still moves. Raises
+        NoAnswer, Refused."""
+        axis = self.axis
+        speed = min(axis.number("trajectory_velocity"), axis.number("approach_velocity_max"))
+        self.set(position_window=self.window(), trajectory_velocity=speed)
+        axis.enable("profile position")
+        way = abs(axis.integer("position") - position)
+        return axis.move(position, MOVE_S + MOVE_FACTOR * way / speed, until_contact)
+
     def go_home(self) -> None:
-        """Moves the axis back to the position at which the measurement began."""
-        self.set(position_window=self.window())
-        self.axis.enable("profile position")
+        """Moves the axis back to the position at which the measurement began, at most at the speed
+        of the approach. Raises NoAnswer, Refused."""
         if abs(self.axis.integer("position") - self.home) > STANDSTILL_CNT:
-            self.axis.move(self.home)
+            self.go(self.home)
+        else:
+            self.axis.enable("profile position")
         self.wait(0.2)
 
 

@@ -383,8 +383,9 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
     Returns None if the axis does not move."""
     current = drive.current
     axis = analyzer.axis
-    axis.enable("profile position")
-    axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
+    begin = analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code))
+    if analyzer.go(begin, until_contact=True).contact:
+        analyzer.refuse_contact()
     analyzer.wait(0.1)
     analyzer.set(open_loop_code=code)
     axis.enable("excitation")
