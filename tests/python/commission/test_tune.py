@@ -415,7 +415,7 @@ REFUSED = {
     "tare": Case(("firmware.force_tare=5.0",)),
     "moving": Case(plant="pushed"),
     "dither": Case(plant="quiet", options={"--force": "4,8"}),
-    "travel": Case(("L=0.158",)),  # ten times the model's: its speed swings
+    "travel": Case(options={"--squeeze-mm": "0.1"}),  # less than the two forces need
     "force_max": Case(plant="struck"),
     "ownership": Case(link=Lost),
     "prior": Case(("m_axis=198",), long=True),  # half as much again as the data sheet says
