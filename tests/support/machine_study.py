@@ -54,7 +54,7 @@ class Cause:
     disturbances: tuple[str, ...] | None
 
 
-WORKPIECE = ("soft", "stiff", "stiffening", "relaxing", "hidden_mass")
+FITTED = ("chi2", "prior")  # refusals for which candidates are fitted
 # The first row that matches counts; a refusal that matches none names no cause.
 CAUSES = (
     Cause("friction", r"(?s)between = \[.workpiece|workpiece that slides|on its table",
@@ -67,15 +67,24 @@ CAUSES = (
     Cause("travel", "check the drive", ("drive_numbers",)),
     Cause("amplifier_offset", "", ()),
     Cause("dither", "", ("quiet",)),
-    Cause("prior", r"expected m_(axis|load|motor) ", ("moving_mass",)),
-    Cause("prior", r"expected (k_w|m_w|b_w) ", WORKPIECE),
-    Cause("prior", r"expected (k_torque|k_force|k_preamp|a_preamp|k_amp|velocity_loop|drive_|"
-                   r"current_loop|peak_current|holding|load_angle)", ("drive_numbers",)),
-    Cause("prior", "", ()),
-    Cause("chi2", "most likely first: a lag of [^;]*? in the sensor", ("latency",)),
-    Cause("chi2", "most likely first: a lag of", ("drive_numbers",)),
-    Cause("chi2", "most likely first: a mode", ("frame",)),
-    Cause("chi2", "most likely first: a gain that differs", ("stiffening",)),
+    *(Cause(name, "the cause is not known", None) for name in FITTED),
+    *(
+        Cause(name, f"the cause is {text}", disturbances)
+        for name in FITTED
+        for text, disturbances in (
+            ("a (lag|latency) of", ("latency",)),
+            ("a mode ", ("frame",)),
+            ("a stiffness \\w+ that depends", ("stiffening",)),
+            ("a workpiece that relaxes", ("relaxing",)),
+            ("dry friction", ("guide_friction", "gear_friction")),
+            ("play ", ("play",)),
+            ("cogging ", ("cogging",)),
+            ("m_(axis|load|motor) ", ("moving_mass",)),
+            ("(k_torque|k_force|k_preamp|a_preamp|k_amp|velocity_|tuned_|drive_|current_loop|"
+             "peak_current|holding|load_angle)", ("drive_numbers",)),
+            ("", ()),
+        )
+    ),
     Cause("cycle", "", ()),
 )  # fmt: skip
 

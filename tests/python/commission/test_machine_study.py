@@ -15,12 +15,19 @@ def refused(name, text, lines=""):
 
 
 def test_the_first_named_cause_counts():
-    chi2 = "parts that explain them, the most likely first: "
-    assert machine_study.cause_of(refused("chi2", chi2 + "a mode near 3 Hz or a lag of 2 ms in "
-                                          "the sensor; add")) == ("frame",)  # fmt: skip
-    assert machine_study.cause_of(refused("chi2", chi2 + "a lag of 0.2 ms in the sensor or a mode "
-                                          "near 3 Hz; add")) == ("latency",)  # fmt: skip
-    assert machine_study.cause_of(refused("chi2", "p = 1e-9: another parameter is wrong")) is None
+    mode, lag = "a mode at axis near 3 Hz", "a lag of 0.2 ms in the sensor"
+    for name in machine_study.FITTED:
+        causes = [
+            machine_study.cause_of(refused(name, f"the cause is {text}"))
+            for text in (
+                f"{mode}: its evidence exceeds that of the next candidate, that of {lag} by 20",
+                f"{lag}: its evidence exceeds that of the next candidate, that of {mode} by 20",
+                f"not known: {mode} or {lag} explains them",
+                "m_axis of 30 kg",
+                "k_s of 3 N/m",
+            )
+        ]
+        assert causes == [("frame",), ("latency",), None, ("moving_mass",), ()]
     cycle = refused("cycle", "2 changes do not show this cycle: correct cycle_ticks")
     assert machine_study.cause_of(cycle) == ()  # which no machine has wrong
     table = refused("friction", "dry", '[[friction]]\nbetween = ["workpiece", "ground"]\n')

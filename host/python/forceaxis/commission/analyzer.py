@@ -57,6 +57,8 @@ DAC_BITS = 12  # resolution in bits at which the output has whole DAC codes
 RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
 # longest time in s of a move: MOVE_S, plus MOVE_FACTOR times its distance divided by its speed
 MOVE_S, MOVE_FACTOR = 20.0, 2.0
+# Time in s in which the axis has to be at standstill, and longest time until then.
+RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
@@ -291,14 +293,20 @@ class Analyzer:
         """Checks that the disabled axis is at rest. Returns its force reading, the noise and the
         position.
 
-        Raises Refusal if the axis moves or if the force sensor was not tared. A motion within the
-        backlash of the gear is permitted, because the motor has no power.
+        Waits while an axis coasts or swings after a motion, for at most REST_S. Raises Refusal if
+        the axis then still moves or if the force sensor was not tared. A motion within the backlash
+        of the gear is permitted, because the motor has no power.
         """
-        held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
-        raw, place = held.values("force_raw"), held.values("position")
         # backlash is the total backlash of the model in encoder counts
         backlash = known.play_counts(self.model, self.overrides) if self.model else 0
-        if np.ptp(place) > STANDSTILL_CNT + backlash:
+        for _ in range(round(REST_S / RESTING_S)):
+            held = self.axis.capture(
+                ["force_raw", "position", "force"], samples=round(RESTING_S * TICKS_PER_S)
+            )
+            raw, place = held.values("force_raw"), held.values("position")
+            if np.ptp(place) <= STANDSTILL_CNT + backlash:
+                break
+        else:
             moved = f"{np.ptp(place)} encoder counts"
             raise Refusal(
                 "moving",

@@ -39,13 +39,24 @@ from forceaxis.words import option_words
 
 Values = dict[str, float]  # {parameter: SI value}
 States = dict[str, str]  # {element: state}
+# Parameters that belong only to one response, as {parameter of the model: (name in the priors,
+# factor)}. The value of the parameter is the factor times the value of the name.
+Own = dict[str, tuple[str, float]]
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
 # PRIOR_DISTANCE_MAX: distance of a parameter from its prior beyond which a fit is rejected.
-# SEARCH_RANGE: largest distance that is searched. Both are in prior standard deviations.
-PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
+# SEARCH_RANGE: largest distance that is searched. FAR: beyond this distance, a second search begins
+# at the prior. All are in prior standard deviations.
+PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
+# A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
+SEARCHED_SHARE = 0.95
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
+# If a model does not explain the responses, its relative error at each frequency is the mean of the
+# residuals at frequencies whose logarithms differ by less than ERROR_WIDTH_LOG. The fit is repeated
+# ERROR_ROUNDS times with these errors. Its parameters stay within ERROR_REACH prior standard
+# deviations, so that it remains the model of this machine.
+ERROR_WIDTH_LOG, ERROR_ROUNDS, ERROR_REACH = 0.1, 6, 2.0
 # GRID_POINTS: number of start values of each nearly unknown parameter.
 # ANTIRESONANCES: number of start frequencies of the antiresonance.
 # SEARCHES_MAX: number of best points of the grid from which a search begins.
@@ -57,6 +68,7 @@ LIMITING_MODE_WIDTH_LOG = 0.15
 LIMITING_MODE_ERROR_MAX = 0.2
 # A damping is determined by the responses if the standard error of its logarithm is smaller.
 DAMPING_UNIT, DAMPING_ERROR_MAX = "N s/m", 0.1
+GIVEN_PERCENT = 10  # accuracy of a number that a text prints for the option `--prior`
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
@@ -136,6 +148,10 @@ class JointFit:
     limiting_hz: float | None = None
     #: for each response: {parameter: value} of the parameters that belong only to this response
     own: list[Values] = field(default_factory=list)
+    #: parameters whose fitted value is far from a prior that is only surmised
+    far: tuple[str, ...] = ()
+    #: for a fit that is rejected as prior: True if this prior is only surmised
+    surmised: bool = False
     #: True if the parameters differ between the forces.
     #: `values` are then mean values, and the ranges contain the values of all forces.
     levels_differ: bool = False
@@ -187,12 +203,14 @@ class Responses:
     measured: list[Measurement]
     # for each response: {element: state} in which the model is linearised
     modes: list[States] = field(default_factory=list)
-    # for each response: {parameter: name of this parameter in the priors}
-    own: list[dict[str, str]] = field(default_factory=list)
-    # for each response: relative error of the model
-    errors: list[float] = field(default_factory=list)
+    # for each response: the parameters that belong only to it
+    own: list[Own] = field(default_factory=list)
+    # for each response: relative error of the model, for all frequencies or for each of them
+    errors: Sequence[float | Samples] = ()
     # {element: state} in which the model is linearised for all responses in contact
     states: States = field(default_factory=dict)
+    # largest distance of a parameter from its prior, in standard deviations
+    reach: float = SEARCH_RANGE
 
     def __post_init__(self) -> None:
         self.names = tuple(self.priors)
@@ -214,12 +232,13 @@ class Responses:
         """Returns {name of a parameter in the priors: value} for the logarithms x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
-    def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
+    def values(self, x: Samples, own: Own | None = None) -> Values:
         """Returns {parameter of the model: value} for one response. `own`: parameters that belong
-        only to this response, as {parameter of the model: name of this parameter in the priors}."""
+        only to this response."""
         every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
-        return shared | {name: every[mine] for name, mine in (own or {}).items()}
+        mine = (own or {}).items()
+        return shared | {name: factor * every[key] for name, (key, factor) in mine}
 
     def predictions(self, x: Samples) -> list[Response]:
         """Returns for each measured response the prediction of the model. A prediction is computed
@@ -244,7 +263,7 @@ class Responses:
             found.append(self.known[key])
         return found
 
-    def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
+    def _acting(self, measured: Measurement, own: Own) -> NDArray[np.bool_]:
         """Returns for each parameter True if a response depends on it."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
@@ -326,7 +345,7 @@ class Responses:
                 x[i] += shift * self.spread[i]
             if paired:
                 x[m] = x[k] - 2 * chosen[list(grids).index(m)]
-            if np.all(abs(x - self.centre) < 0.9 * SEARCH_RANGE * self.spread):
+            if np.all(abs(x - self.centre) < 0.9 * self.reach * self.spread):
                 size = np.sum(2 * (np.sqrt(1 + self.coarse(x) ** 2) - 1))
                 found.append((float(size), x))
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
@@ -334,7 +353,7 @@ class Responses:
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
         """Returns the lowest and the highest logarithms within which parameters are searched.
         `inside`: margin, in standard deviations, by which this range is reduced."""
-        reach = (SEARCH_RANGE - inside) * self.spread
+        reach = (self.reach - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Minimum:
@@ -375,15 +394,16 @@ def joint(
     each response, {parameter: Prior} of the parameters that belong only to this response. An
     example is the damping that represents dry friction at its amplitude. errors: relative model
     error of each response, by default MODEL_ERROR. states: {element: state} in which all responses
-    were measured. States of contacts apply only to the responses in contact. Raises InputError.
+    were measured. States of contacts apply only to the responses in contact. A fitted value that is
+    far from a surmised prior does not reject the fit; JointFit.far names it. Raises InputError.
     """
     model = str(linear.find_model(model))
     measured = [replace(m, model=model) for m in measurements]
     if not priors or not any(not m.free for m in measured):
         raise InputError("fit: expected at least one parameter to fit and one response in contact")
-    mine = [{name: f"{name}@{i}" for name in one} for i, one in enumerate(own)]
+    mine: list[Own] = [{name: (f"{name}@{i}", 1.0) for name in one} for i, one in enumerate(own)]
     every = dict(priors)
-    every |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}
+    every |= {mine[i][name][0]: p for i, one in enumerate(own) for name, p in one.items()}
     states = dict(states or {})
     without = known.states_apart(model, states)
     begin = [without if m.free else states for m in measured]
@@ -395,6 +415,44 @@ def joint(
         if apart is not None:
             return _evaluated(problem, apart.mean(0), over, apart)
     return found
+
+
+def with_model_error(rejected: JointFit, over: Sequence[str]) -> JointFit:
+    """Fits the model again with the relative errors that its residuals show, each at its frequency.
+    Responses then count where the model explains them. Returns a JointFit with the errors in
+    problem.errors. Its parameters are those of the model that is nearest to the responses, and
+    their intervals are wider. `rejected`: a fit that is rejected as chi2 or prior. `over`: as for
+    joint()."""
+    problem, x = replace(rejected.problem, reach=ERROR_REACH), rejected.at
+    x = np.clip(x, *problem.bounds(1e-3))
+    for _ in range(ERROR_ROUNDS):
+        errors = []
+        for m, h in zip(problem.measured, problem.predictions(x), strict=True):
+            near = abs(np.log(m.frequency_hz[:, None] / m.frequency_hz)) < ERROR_WIDTH_LOG
+            square = near @ (abs(m.response - h) ** 2) / (near @ (abs(m.response) ** 2))
+            errors.append(np.maximum(MODEL_ERROR, np.sqrt(square)))
+        problem = replace(problem, errors=errors)
+        x = problem.search(x).x
+    return _evaluated(problem, x, over)
+
+
+def with_levels(
+    found: JointFit, name: str, values: Mapping[str, float], over: Sequence[str]
+) -> JointFit:
+    """Returns a fit in which the parameter `name` differs between the forces. The fitted value is
+    the geometric mean, and the set of plants contains the values at all forces. `values`: first
+    values as {"name@i": value at response i}, beside the other parameters of `found`."""
+    own: list[Own] = [
+        one | ({name: (f"{name}@{i}", 1.0)} if f"{name}@{i}" in values else {})
+        for i, one in enumerate(found.problem.own)
+    ]
+    priors = found.problem.priors | {key: Prior(value, 0.7) for key, value in values.items()}
+    wider = replace(found.problem, priors=priors, own=own)
+    best = wider.search(np.append(found.at, np.log(list(values.values()))))
+    x = best.x[: len(found.at)]
+    rows = np.array([x] * len(values))
+    rows[:, found.problem.names.index(name)] = best.x[len(found.at) :]
+    return _evaluated(found.problem, rows.mean(0), over, rows)
 
 
 def _in_modes(problem: Responses) -> Responses:
@@ -421,7 +479,12 @@ def _in_modes(problem: Responses) -> Responses:
 
 
 def _searched(problem: Responses) -> Samples:
-    """Searches from all start points. Returns the logarithms of the best parameters."""
+    """Searches from all start points. Returns the logarithms of the best parameters.
+
+    A result far from its priors may be a local minimum, such as a heavy workpiece on a stiff spring
+    in place of a light one on a soft spring. Then another search begins with the prior values of
+    the parameters that are far.
+    """
     best: Minimum | None = None
     enough = chi_square_bound(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -435,6 +498,10 @@ def _searched(problem: Responses) -> Samples:
             "fit: expected at least one set of start values within the ranges of the prior "
             "values, got none"
         )
+    far = abs(best.x - problem.centre) > FAR * problem.spread
+    if far.any():
+        again = problem.search(np.where(far, problem.centre, best.x))
+        best = min(best, again, key=lambda found: found.cost)
     return best.x
 
 
@@ -474,7 +541,12 @@ def _evaluated(
     """Returns the result of a fit. `x`: logarithms of the best parameters. `apart`: logarithms with
     one row for each force, if the forces need different parameters, otherwise None."""
     levels = []
-    for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
+    scores = problem.scores(x)
+    if apart is not None:
+        pressed = [i for i, m in enumerate(problem.measured) if not m.free]
+        for i, row in zip(pressed, apart, strict=True):
+            scores[i] = problem.scores(row)[i]
+    for m, modes, score in zip(problem.measured, problem.modes, scores, strict=True):
         name = "apart" if m.free else "in contact"
         levels.append(ResponseScore(name, len(m.frequency_hz), modes, *_score(score)))
     away = (x - problem.centre) / problem.spread
@@ -601,7 +673,15 @@ def _left_open(
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
     """Checks if a fit has to be rejected, and writes the reason for the rejection to the result.
     `away`: distance of each parameter from its prior, in standard deviations."""
-    worst = int(abs(away[: len(found.best)]).argmax())
+    distances = abs(away[: len(found.best)])
+    most = SEARCHED_SHARE * SEARCH_RANGE
+    found.far = tuple(
+        name
+        for name, distance in zip(found.best, distances, strict=True)
+        if problem.priors[name].surmised and PRIOR_DISTANCE_MAX < distance < most
+    )
+    distances[[name in found.far for name in found.best]] = 0.0
+    worst = int(distances.argmax())
     misfits = [level for level in found.levels if level.p < REJECTED_BELOW / len(found.levels)]
     if (found.p < REJECTED_BELOW or misfits) and not found.levels_differ:
         p = min([found.p, *(level.p for level in misfits)])
@@ -610,13 +690,13 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
             f"expected a model that explains the responses, p = {p:.2g}: another parameter is "
             "wrong, or the model lacks a part of the axis"
         )
-    elif abs(away[worst]) > PRIOR_DISTANCE_MAX:
+    elif distances[worst] > PRIOR_DISTANCE_MAX:
         name = problem.names[worst]
-        found.rejected = "prior"
+        found.rejected, found.surmised = "prior", problem.priors[name].surmised
         found.text = (
             f"expected {name} within {PRIOR_DISTANCE_MAX:g} standard deviations of "
-            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: check its value "
-            "in the model, or give its prior"
+            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: if this value is "
+            f"right, give --prior {name}={found.best[name]:.4g}+-{GIVEN_PERCENT}%"
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:
@@ -633,8 +713,12 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 
 def _error_near(measured: Measurement, hz: float) -> float:
     """Returns the relative standard error of a response in a narrow band around a frequency. The
+    band includes the neighbouring spectral lines, and the lowest one for a frequency below it. The
     error is infinite if the response has no spectral line in the band."""
-    near = abs(np.log(measured.frequency_hz / hz)) < LIMITING_MODE_WIDTH_LOG
+    at, width = measured.frequency_hz, measured.resolution_hz
+    near = (abs(np.log(at / hz)) < LIMITING_MODE_WIDTH_LOG) | (abs(at - hz) <= width)
+    if hz < at[0]:
+        near[0] = True
     if not near.any():
         return math.inf
     power = np.sum(abs(measured.response[near]) ** 2)

@@ -57,10 +57,12 @@ SUPPORT_COMPLIANCE_SHARE = 0.3
 @dataclass(frozen=True)
 class Prior:
     """Prior knowledge of a parameter: a value above 0, and the standard deviation of the logarithm
-    of this value."""
+    of this value. `surmised`: True if value and standard deviation are those of a data sheet or
+    of a rough estimate, so that a distant value is a reason to doubt them."""
 
     value: float
     spread: float
+    surmised: bool = False
 
     @property
     def wide(self) -> bool:
@@ -101,7 +103,7 @@ def priors(
     files = [text for text in texts if posterior.is_posterior(text)]
     for name in plant_set.ranges_of(model, [t for t in texts if t not in files], overrides):
         add(name, WORKPIECE_SPREAD)
-    found = {name: Prior(known[name].value, spread) for name, spread in spreads.items()}
+    found = {name: Prior(known[name].value, spread, True) for name, spread in spreads.items()}
     for file in files:
         # this call raises InputError for an unknown name of a parameter
         plant_set.ranges_of(model, [file], overrides)

@@ -10,6 +10,7 @@ from forceaxis.commission.contact import FittedAxis
 from forceaxis.commission.level import Level
 from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_results import Fitted, FittedLoop, LoopPeak
+from forceaxis.commission.unexplained import Unexplained
 from forceaxis.linear import loops, over
 from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
@@ -60,9 +61,12 @@ def _loop(
     return loop, over.gain_at(loop, None, None)
 
 
-def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
-    """Returns the measured Ms, and Ms of the fitted model at the same frequencies. Returns None if
-    |S| is certain at no frequency."""
+def peaks(
+    fitted_axis: FittedAxis, level: Level, lacks: Unexplained | None = None
+) -> LoopPeak | None:
+    """Returns the measured Ms, and Ms of the fitted model at the same frequencies. `lacks`: what
+    the model does not explain of the response at the same force. Returns None if |S| is certain at
+    no frequency."""
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.integer("latency_ticks")
@@ -77,7 +81,10 @@ def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
     found = abs(near @ level.sensitivity)
     pairs = [_loop(tuning, fitted, designed.bank.bank, late, modes) for modes in every]
-    expected = np.max([abs(near @ loop.sensitivity_at(gain, hz)) for loop, gain in pairs], 0)
+    predicted = [loop.sensitivity_at(gain, hz) for loop, gain in pairs]
+    if lacks is not None:
+        predicted = [S / (1 + (1 - S) * (lacks.quotient(hz) - 1)) for S in predicted]
+    expected = np.max([abs(near @ S) for S in predicted], 0)
     sure = error < ERROR_MAX * found
     if not sure.any():
         return None

@@ -1,269 +1,735 @@
-"""Searches for the element that a rejected model lacks. Candidates for this element are fitted and
-ranked.
+"""Searches for the reason why a model does not explain the measured responses. Candidates for this
+reason are fitted and ranked.
 
-Each candidate multiplies the responses of the model by a factor. The parameters of this factor are
-fitted together with all other parameters. The candidates are ranked by chi-square plus a penalty of
-ln n for each parameter, where n is the number of real residuals (Schwarz, The Annals of Statistics
-6, 1978). Each candidate states the TOML text to add to the model.
+A candidate is a part that the model may lack (friction, play, a frame, rubber that relaxes, a lag),
+or a number of the model that may be wrong. Its few parameters are fitted together with all other
+parameters. The candidates are ranked by their evidence: the decrease of chi-square and of the
+distances from the priors, minus a penalty of ln n for each parameter, where n is the number of real
+residuals (Schwarz, The Annals of Statistics 6, 1978).
+
+The best candidate is named as the cause only if it explains the responses and if its evidence
+exceeds that of every other candidate by EVIDENCE_MIN. A difference of 10 means that the data are
+exp(5) = 150 times as likely with it (Kass and Raftery, J. American Statistical Association 90,
+1995).
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import tempfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
+import tomlkit
 from scipy import optimize
 
 from forceaxis import linear
-from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples, Values
+from forceaxis._core import InputError
+from forceaxis.axis.link import TICKS_PER_S
+from forceaxis.commission import friction, friction_models, joint_fit
+from forceaxis.commission.joint_fit import JointFit, Own, Response, Responses, Samples, Values
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
+from forceaxis.design.model_file import ModelFile
 from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
+from forceaxis.linear import PlantFacts
 
-START_MODES = 10  # number of start frequencies in the search for a mode of vibration
-SHOWN_CANDIDATES = 3  # largest number of candidates that a text names
-START_LAG_S = 4e-4  # start value of a time constant in s
-GAIN_SPREAD = 0.2  # prior standard deviation of the logarithm of a gain that differs between forces
-START_SPLIT = 1.05  # start value of the ratio (pole frequency / zero frequency) for a mode
-EVALUATIONS_MAX = 25
+START_MODES = 6  # number of start frequencies in the search for a mode of vibration
+EVIDENCE_MIN = 10.0  # least difference of the evidence between the cause and other candidates
+START_LAG_S = 1e-3  # start value of a lag or of a latency in s
+FREED_SPREAD = 0.5  # prior standard deviation of the logarithm of a number that may be wrong
+# A number of the model is a candidate if its prior is narrower; others are nearly free anyway.
+NARROW_SPREAD = 0.31
+STIFFENING_SPREAD = 0.7  # prior standard deviation of the stiffness at each force
+# A number is a candidate if its estimated decrease of the cost exceeds this value.
+FREED_GAIN_MIN = 3.0
+# Largest numbers of evaluations: of the parameters of a candidate alone, of all parameters, and of
+# all parameters of the REFINED_MIN best candidates and of those that have REFINED_SHARE of the
+# best evidence.
+BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
+REFINED_MIN, REFINED_SHARE = 4, 0.3
+BED, TOOL = "bed", "tool_head"  # names of the bodies of a frame
+# {name of such a body: what changes in the model beside it}
+PLACES = {
+    BED: '# beside `reaction` of [drive] and `reference` of [encoder], which become "bed", and '
+    'what is fixed to the ground beside the axis, which is fixed to "bed"\n',
+    TOOL: "# with the same position as the body that carries it, beside the [[contact]], which "
+    'becomes one between "tool_head" and the workpiece\n',
+}
+CANDIDATE_MODEL = "candidate.toml"  # name of the file of the model of a candidate
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A candidate: an element that the model may lack. factor(parameters, i, hz) returns the factor
-    by which response i is multiplied. words(parameters, best) returns a description and the TOML
-    text to add to the model. `best` are the values of the parameters of the model.
+class Candidate:
+    """A reason why a model does not explain the responses.
 
-    `parameters` are values in the order of `priors`. If a candidate only frees parameters of the
-    model (`freed`), its factor is 1.
+    `name` is one word. `priors`: its parameters. Those of `freed` replace priors of the model; all
+    others are added. `elements(values)`: elements that the model lacks, as TOML text, in which each
+    parameter of `values` is a number or a name. `own`: for each response, parameters of the model
+    that belong only to this response. `factor(values, i, hz)`: factor by which response i is
+    multiplied. `model`: text of a model in place of the given one.
+
+    `words(values)`: description for a user. `lines(values)`: what to add to the model; `option`:
+    what to add to the command. `values`: all parameters of the fit.
     """
 
     name: str
     priors: dict[str, Prior]
-    factor: Callable[[Sequence[float], int, Samples], Response | float]
-    words: Callable[[Sequence[float], Values], tuple[str, str]]
-    freed: bool = False
-
-    def parameters(self, values: Values) -> list[float]:
-        """Returns the values of the parameters of the candidate. `values`: all values of a fit."""
-        return [values[self.key(name)] for name in self.priors]
-
-    def key(self, name: str) -> str:
-        """Returns the name that a parameter of the candidate has in the fit."""
-        return name if self.freed else f"{name}@shape"
+    words: Callable[[Values], str]
+    lines: Callable[[Values], str] = lambda _: ""
+    option: Callable[[Values], str] = lambda _: ""
+    elements: Callable[[Mapping[str, float | str]], str] | None = None
+    model: str = ""
+    own: tuple[Own, ...] = ()
+    factor: Callable[[Values, int, Samples], Response | float] | None = None
+    #: {parameter of `elements`: (its first value, its unit)}
+    parameters: dict[str, tuple[float, str]] = field(default_factory=dict)
+    #: True if a model with `lines` describes it by linear elements, so that a law may rely on it
+    linear: bool = True
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A fitted candidate. `gain`: decrease of chi-square minus the penalty. `p`: probability that
-    chi-square is at least as large, if the model with the candidate is correct."""
+    """A fitted candidate: its name, its description, the TOML text and the option with which the
+    command accepts it, and its parameters. `gain`: its evidence. `p`: probability that chi-square
+    is at least as large, if the model with the candidate is correct. `linear`: see Candidate."""
 
     name: str
     text: str
     toml: str
+    option: str
     gain: float
     p: float
     values: Values
+    linear: bool = True
+
+    @property
+    def priors(self) -> tuple[str, ...]:
+        """Returns the values of the option as texts of TuningOrder.priors."""
+        return tuple(self.option.split()[1:])
+
+    @property
+    def explains(self) -> bool:
+        """Returns True if the model with this candidate is not rejected."""
+        return self.p >= REJECTED_BELOW
 
 
-def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """Fits all candidates. Returns the candidates whose decrease of chi-square exceeds their
-    penalty, sorted from best to worst.
+def winner(tried: Sequence[Tried]) -> Tried | None:
+    """Returns the first candidate if it is the cause by evidence, otherwise None. `tried`: sorted
+    from best to worst. Candidates with the same name are the same cause."""
+    first = tried[0] if tried and tried[0].gain > 0 and tried[0].explains else None
+    return first if first and lead(tried) >= EVIDENCE_MIN else None
 
-    problem, x: the responses of a rejected joint_fit.joint(), and the logarithms of its best
-    parameters.
+
+def lead(tried: Sequence[Tried]) -> float:
+    """Returns by how much the evidence of the first candidate exceeds that of the best candidate
+    with another name. The model as it is does not count, because its fit was rejected."""
+    others = [one.gain for one in tried[1:] if one.name != tried[0].name]
+    return tried[0].gain - max(others, default=0.0)
+
+
+def possible(tried: Sequence[Tried], name: str) -> bool:
+    """Returns True if a candidate with this name is not excluded by the evidence."""
+    gains = [one.gain for one in tried if one.name == name]
+    return bool(gains) and max(gains) > max(0.0, tried[0].gain - EVIDENCE_MIN)
+
+
+def text_of(tried: Sequence[Tried]) -> str:
+    """Returns a text about the cause, or about the candidates that remain and the measurement that
+    tells them apart."""
+    first = winner(tried)
+    if first:
+        where = f"give {first.option}" if first.option else "add it to the model"
+        others = [one for one in tried if one.name != first.name]
+        beside = f", that of {others[0].text}" if others else ""
+        return (
+            f"the cause is {first.text}: its evidence exceeds that of the next candidate{beside} "
+            f"by {lead(tried):.0f} (BIC); {where}"
+        )
+    left: dict[str, Tried] = {}
+    for one in tried:
+        if possible(tried, one.name):
+            left.setdefault(one.name, one)
+    excluded = dict.fromkeys(WORDS[one.name] for one in tried if one.name not in left)
+    if not left:
+        return f"the cause is not known; none of these alone explains it: {', '.join(excluded)}"
+    some = " or ".join(one.text for one in left.values())
+    what = "explains them" if any(one.explains for one in left.values()) else "is a part of it"
+    text = f"the cause is not known: {some} {what}"
+    text += f"; excluded: {', '.join(excluded)}" if excluded else ""
+    return f"{text}; {_measurement(set(left))}"
+
+
+# {name of a candidate: what it is}
+WORDS = {
+    "drive_numbers": "a number of the drive", "moving_mass": "a moving mass",
+    "stiffness": "a stiffness of the axis", "sensor_lag": "a lag in the sensor",
+    "latency": "a latency of the measured force", "frame": "a mode of frame or tool",
+    "guide_friction": "dry friction of guide or gear", "relaxing": "a workpiece that relaxes",
+    "stiffening": "a stiffness that depends on the force", "play": "play in the transmission",
+    "cogging": "cogging of the motor",
+}  # fmt: skip
+BY_AMPLITUDE = {"guide_friction", "play", "cogging"}
+
+
+def _measurement(names: set[str]) -> str:
+    """Returns a text with the measurement that tells candidates apart. `names`: their names."""
+    if names & BY_AMPLITUDE:
+        return (
+            "`forceaxis measure --free` with two values of --level tells: friction, play and "
+            "cogging change this response with the amplitude, other causes do not"
+        )
+    if "relaxing" in names:
+        return (
+            "`forceaxis axis capture force position` while `forceaxis axis press` holds a force "
+            "tells: a workpiece that relaxes yields further at a constant force"
+        )
+    if "stiffening" in names:
+        return (
+            "`forceaxis tune` with a third force between the two tells: only a stiffness that "
+            "depends on the force changes with it"
+        )
+    if names & {"moving_mass", "drive_numbers", "stiffness"}:
+        return (
+            "weigh the moving mass and give it as --prior NAME=KG: then only the other candidates "
+            "remain"
+        )
+    return (
+        "`forceaxis measure --free` tells: a mode of the frame shows out of contact too, a lag of "
+        "the force sensor does not"
+    )
+
+
+def with_part(model: str | Path, part: Tried) -> str:
+    """Returns the text of a model with the TOML text of a candidate, each line in its place."""
+    document = model_file.document(model)
+    parsed = tomlkit.parse(part.toml)
+    first = part.toml.splitlines()[0]
+    if first.startswith("# in the [[adc]]"):
+        next(adc for adc in document["adc"] if adc["channel"] == 0).update(parsed)
+    elif first.startswith("# in [parameters]"):
+        document["parameters"].update(parsed)
+    else:
+        _add(document, model, part.toml)
+    return tomlkit.dumps(document)
+
+
+def of(found: JointFit, folder: Path, speeds: Sequence[float] = ()) -> list[Tried]:
+    """Fits all candidates for the rejection of a fit. Returns them sorted from best to worst.
+
+    folder: where models of candidates are written. speeds: rms speed in m/s of the axis in each
+    response, or () if it is not known.
     """
-    scores = np.concatenate(problem.scores(x))
-    before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
-    found = []
-    for shapes in _shapes(problem):
-        begun = [_begun(problem, x, shape) for shape in shapes]
-        one = _fitted(x, *min(begun, key=lambda pair: pair[2]), before, len(scores))
-        if one.gain > 0:
-            found.append(one)
-    return sorted(found, key=lambda one: -one.gain)
+    with tempfile.TemporaryDirectory(dir=folder) as models:
+        return _ranked(replace(found.problem), found.at, found.best, Path(models), speeds)
 
 
-def lines_of(found: list[Tried]) -> str:
-    """Returns the TOML text of the best candidates. A comment above each candidate describes it."""
-    lines = []
-    for number, one in enumerate(found[:SHOWN_CANDIDATES], 1):
-        explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"
-        lines.append(f"# {number}. {one.text}, {explains} p = {one.p:.2g}\n{one.toml}")
-    return "\n".join(lines)
+def _ranked(
+    problem: Responses, x: Samples, best: Values, folder: Path, speeds: Sequence[float]
+) -> list[Tried]:
+    """Fits all candidates, first with few evaluations; then the best of them completely. `x`,
+    `best`: logarithms and values of the parameters of the rejected fit."""
+    before = _cost(problem, x)
+    begun = []
+    for variants in _candidates(problem, x, best, speeds):
+        fits = [one for v in variants if (one := _begun(problem, x, v, folder)) is not None]
+        if fits:
+            begun.append(_refined(min(fits, key=lambda one: one.cost), FIRST_EVALUATIONS))
+    begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
+    most = begun[0].tried(before).gain if begun else 0.0
+    tried = [
+        _refined(one, EVALUATIONS_MAX).tried(before)
+        if i < REFINED_MIN or one.tried(before).gain > REFINED_SHARE * most
+        else one.tried(before)
+        for i, one in enumerate(begun)
+    ]
+    return sorted(tried, key=lambda one: -one.gain)
 
 
-def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
-    """Fits only the parameters of a candidate, while all other parameters stay at x. Returns four
-    values: candidate, problem that includes its parameters, cost, and logarithms of its parameters.
-    """
-    own = {shape.key(name): prior for name, prior in shape.priors.items()}
+def _cost(problem: Responses, x: Samples) -> float:
+    """Returns the sum of the squares of the residuals of responses and priors."""
+    return float(np.sum(problem.fine(x) ** 2))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A fit with a candidate: the problem that includes its parameters, the logarithms of all
+    parameters, and half of the sum of the squares of the residuals."""
+
+    candidate: Candidate
+    wider: Responses
+    x: Samples
+    cost: float
+
+    def tried(self, before: float) -> Tried:
+        """Returns the result. `before`: sum of the squares without the candidate."""
+        one, scores = self.candidate, np.concatenate(self.wider.scores(self.x))
+        values = self.wider.all_values(self.x)
+        gain = before - 2 * self.cost - len(one.priors) * math.log(len(scores))
+        return Tried(
+            one.name, one.words(values), one.lines(values), one.option(values), gain,
+            chi_square_tail(float(np.sum(scores**2)), len(scores)),
+            {name: values[name] for name in one.priors}, one.linear,
+        )  # fmt: skip
+
+
+def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -> _Fit | None:
+    """Fits only the parameters of a candidate, while all other parameters stay at x. The cost is
+    that of the residuals coarse(). Returns None if the model does not take the candidate."""
+    try:
+        wider = _with(problem, candidate, folder)
+    except InputError:
+        return None
+    begin = wider.centre.copy()
+    places = [wider.names.index(name) for name in problem.names]
+    begin[places] = x
+    free = [wider.names.index(name) for name in candidate.priors]
+    low, high = (bound[free] for bound in wider.bounds(1e-3))
+
+    def at(y: Samples) -> Samples:
+        point = begin.copy()
+        point[free] = y
+        return point
+
+    found = optimize.least_squares(
+        lambda y: wider.coarse(at(y)), np.clip(begin[free], low, high), loss="soft_l1",
+        bounds=(low, high), x_scale=wider.spread[free], max_nfev=BEGIN_EVALUATIONS,
+    )  # fmt: skip
+    return _Fit(candidate, wider, at(found.x), float(found.cost))
+
+
+def _with(problem: Responses, candidate: Candidate, folder: Path) -> Responses:
+    """Returns the problem with the parameters of a candidate."""
+    model, factor = problem.model, candidate.factor
+    priors = problem.priors | candidate.priors
+    if candidate.elements or candidate.model:
+        document = tomlkit.parse(candidate.model) if candidate.model else model_file.document(model)
+        if candidate.elements:
+            text = candidate.elements({name: name for name in candidate.parameters})
+            _add(document, model, text)
+            parameters = document.setdefault("parameters", tomlkit.table())
+            for name, (value, unit) in candidate.parameters.items():
+                parameters[name] = {"value": value, "unit": unit}
+        whole = tomlkit.dumps(document).encode()
+        path = folder / f"{zlib.crc32(whole):08x}-{CANDIDATE_MODEL}"
+        path.write_bytes(whole)
+        model = str(path)
+    own = (
+        [a | b for a, b in zip(problem.own, candidate.own, strict=True)]
+        if candidate.own
+        else (problem.own)
+    )
 
     class Shaped(Responses):
         def predictions(self, x: Samples) -> list[Response]:
-            parameters = shape.parameters(self.all_values(x))
+            found = super().predictions(x)
+            if not factor:
+                return found
+            values = self.all_values(x)
             return [
-                np.asarray(h * shape.factor(parameters, i, m.frequency_hz))
-                for i, (m, h) in enumerate(zip(self.measured, super().predictions(x), strict=True))
+                np.asarray(h * factor(values, i, m.frequency_hz))
+                for i, (m, h) in enumerate(zip(self.measured, found, strict=True))
             ]
 
-    wider = Shaped(
-        problem.model, problem.priors | own, problem.measured, problem.modes, problem.own,
-        problem.errors,
+    return Shaped(
+        model, priors, [replace(m, model=model) for m in problem.measured], problem.modes, own,
+        problem.errors, problem.states,
     )  # fmt: skip
-    free, (low, high) = len(x), wider.bounds(1e-3)
-    found = optimize.least_squares(
-        lambda y: wider.coarse(np.concatenate([x, y])), wider.centre[free:], loss="soft_l1",
-        bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS_MAX,
-    )  # fmt: skip
-    return shape, wider, float(found.cost), found.x
 
 
-def _fitted(
-    x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
-) -> Tried:
-    """Fits all parameters together, beginning at the result of _begun()."""
-    begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
-    best = optimize.least_squares(
-        wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS_MAX
-    )
-    scores = np.concatenate(wider.scores(best.x))
-    chi2 = float(np.sum(scores**2))
-    parameters = shape.parameters(wider.all_values(best.x))
-    words, lines = shape.words(parameters, wider.values(best.x))
-    gain = before - 2 * best.cost - len(parameters) * math.log(size)
-    values = dict(zip(shape.priors, parameters, strict=True))
-    return Tried(shape.name, words, lines, gain, chi_square_tail(chi2, size), values)
+def _refined(begun: _Fit, evaluations: int) -> _Fit:
+    """Fits all parameters together, beginning at those of `begun`. If parameters of the model are
+    then far from their priors, another fit begins with their prior values."""
+    wider = begun.wider
+
+    def at(begin: Samples) -> _Fit:
+        best = optimize.least_squares(
+            wider.fine, np.clip(begin, *wider.bounds(1e-3)), bounds=wider.bounds(),
+            x_scale=wider.spread, max_nfev=evaluations,
+        )  # fmt: skip
+        return replace(begun, x=best.x, cost=float(best.cost))
+
+    found = at(begun.x)
+    far = abs(found.x - wider.centre) > joint_fit.FAR * wider.spread
+    far[[wider.names.index(name) for name in begun.candidate.priors]] = False
+    if not far.any():
+        return found
+    return min(found, at(np.where(far, wider.centre, found.x)), key=lambda one: one.cost)
 
 
-def _shapes(problem: Responses) -> list[list[Shape]]:
-    """Returns one list for each kind of element. The candidates of a list differ in their start
-    values."""
+@dataclass(frozen=True)
+class _Model:
+    """What the candidates need of the model of a fit, and `best`, its fitted values."""
+
+    problem: Responses
+    best: Values
+    tables: ModelFile
+    facts: PlantFacts
+
+    @property
+    def pressed(self) -> list[int]:
+        """Returns the numbers of the responses in contact."""
+        return [i for i, m in enumerate(self.problem.measured) if not m.free]
+
+    @property
+    def body(self) -> str:
+        """Returns the body of the drive."""
+        return self.facts.required_drive.body
+
+    @property
+    def tool(self) -> str:
+        """Returns the body that touches the workpiece."""
+        return self.tables.contact.between[0] if self.tables.contact else self.body
+
+    @property
+    def moved(self) -> list[str]:
+        """Returns the bodies of drive and tool, which may be the same."""
+        return list(dict.fromkeys([self.body, self.tool]))
+
+    @property
+    def ground(self) -> str:
+        """Returns the counterpart of the drive."""
+        return self.facts.required_drive.reaction
+
+
+def _candidates(
+    problem: Responses, at: Samples, best: Values, speeds: Sequence[float]
+) -> list[list[Candidate]]:
+    """Returns one list for each candidate. The members of a list differ in their start values or in
+    their place."""
+    model = _Model(problem, best, model_file.read(problem.model), linear.facts(problem.model))
     return [
-        [_sensor_lag(problem)],
-        [_drive_lag(problem)],
-        _modes(problem),
-        *([[_gains(problem)]] if sum(not m.free for m in problem.measured) > 1 else []),
+        *([one] for one in _numbers(model, at)),
+        _sensor_lag(model),
+        [_latency(model)],
+        *_frames(model),
+        _frictions(model, speeds),
+        _relaxing(model),
+        _stiffening(model),
+        _play(model),
+        _cogging(model),
     ]
 
 
-def _lag(lag_s: float, hz: Samples) -> Response:
-    """Returns the frequency response of a first-order lag."""
-    return np.asarray(1 / (1 + 2j * np.pi * hz * lag_s))
+def _numbers(model: _Model, at: Samples) -> list[Candidate]:
+    """Returns a candidate for each number of the model that may be wrong: constants and loops of
+    the drive, masses and stiffnesses of the axis. Dampings are known only by their magnitude."""
+    tables, priors = model.tables, model.problem.priors
+    gains = _gains_if_freed(model.problem, at)
+    of_drive = {value for value in vars(tables.drive).values() if isinstance(value, str)}
+    work = tables.body(tables.workpiece)
+    masses = {body.mass for body in tables.bodies if body is not work}
+    found = []
+    for name, (value, unit) in model.facts.parameters.items():
+        if value <= 0 or (name in priors and priors[name].spread > NARROW_SPREAD):
+            continue
+        if name in of_drive and (name in priors or name in (tables.drive.L, tables.drive.a_act)):
+            kind = "drive_numbers"
+        elif name in priors and name in masses:
+            kind = "moving_mass"
+        elif name in priors and unit == "N/m":
+            kind = "stiffness"
+        else:
+            continue
+        if gains.get(name, math.inf) > FREED_GAIN_MIN:
+            found.append(_number(name, value, unit, kind))
+    return found
 
 
-def _sensor_lag(problem: Responses) -> Shape:
-    pressed = [not m.free for m in problem.measured]
+def _gains_if_freed(problem: Responses, at: Samples) -> dict[str, float]:
+    """Estimates for each parameter by how much the cost decreases without its prior, from the
+    curvature of the cost at the best values `at`."""
+    _, information = problem.information(at, [1.0] * len(problem.measured))
+    weight = problem.spread**-2.0
+    shown = 1 / np.diag(np.linalg.inv(information)) - weight  # what the responses alone tell
+    gains = ((at - problem.centre) * weight) ** 2 / np.maximum(shown, 1e-9) + (
+        (at - problem.centre) ** 2 * weight
+    )
+    return dict(zip(problem.names, gains.tolist(), strict=True))
 
-    def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
-        (lag,) = parameters
-        lines = f'# in the [[adc]] of channel 0\nfilter = "{1 / lag:.4g} rad/s"'
-        return f"a lag of {1e3 * lag:.2g} ms in the sensor", lines
 
-    return Shape(
-        "sensor_lag", {"lag_s": Prior(START_LAG_S, 1.2)},
-        lambda p, i, hz: _lag(p[0], hz) if pressed[i] else 1.0, words,
+def _number(name: str, value: float, unit: str, kind: str) -> Candidate:
+    """Returns the candidate that one number of the model is wrong."""
+
+    def words(values: Values) -> str:
+        change = 100 * (values[name] / value - 1)
+        return f"{name} of {values[name]:.4g} {unit}, {change:+.2g} % from the model"
+
+    return Candidate(
+        kind, {name: Prior(value, FREED_SPREAD)}, words,
+        option=lambda values: f"--prior {name}={values[name]:.4g}+-{joint_fit.GIVEN_PERCENT}%",
     )  # fmt: skip
 
 
-def _drive_lag(problem: Responses) -> Shape:
-    """Returns the candidate for the lag of the drive. If the model already has a time constant of
-    the drive (inductance of the winding or corner frequency of the force), the candidate frees this
-    parameter. Otherwise it is an additional first-order lag."""
-    drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
-    name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
-    if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
-        value, unit = facts.parameters[name]
-        of_drive = facts.required_drive.values
+def _sensor_lag(model: _Model) -> list[Candidate]:
+    """Returns the candidate of a low pass in the sensor, if the model has none."""
+    if "filter" in model_file.force_adc_table(model.problem.model):
+        return []
 
-        def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
-            (new,) = parameters
-            lag = 1 / new - 1 / value
-            if drive.type == "dc_motor":
-                resistance = of_drive["R"] + of_drive["k_amp"] * of_drive["k_current"]
-                lag = (new - value) / resistance
-            line = f'{name} = {{ value = {new:.4g}, unit = "{unit}" }}'
-            text = f"a lag of {1e3 * abs(lag):.2g} ms {'more' if lag > 0 else 'less'} in the drive"
-            return text, f"# in [parameters], in place of {value:.4g}\n{line}"
+    def factor(values: Values, i: int, hz: Samples) -> Response | float:
+        if i not in model.pressed:
+            return 1.0
+        return np.asarray(1 / (1 + 2j * np.pi * hz * values["lag_s@"]), np.complex128)
 
-        prior = {name: Prior(value, 1.0)}
-        return Shape("drive_lag", prior, lambda *_: 1.0, words, freed=True)
+    def lines(values: Values) -> str:
+        return f'# in the [[adc]] of channel 0\nfilter = "{1 / values["lag_s@"]:.4g} rad/s"'
 
-    def behind(parameters: Sequence[float], _: Values) -> tuple[str, str]:
-        (lag,) = parameters
-        return f"a lag of {1e3 * lag:.2g} ms in the drive", f"# 1/s, the corner: {1 / lag:.4g}"
-
-    return Shape(
-        "drive_lag", {"lag_s": Prior(START_LAG_S, 1.2)}, lambda p, _, hz: _lag(p[0], hz), behind
-    )
+    return [Candidate(
+        "sensor_lag", {"lag_s@": Prior(START_LAG_S, 1.2)},
+        lambda values: f"a lag of {1e3 * values['lag_s@']:.2g} ms in the sensor", lines,
+        factor=factor,
+    )]  # fmt: skip
 
 
-def _modes(problem: Responses) -> list[Shape]:
-    """Returns the candidates for a mode of vibration. The element is a mass on a spring that is
-    attached to the body of the drive. It adds a pair of zeros and, at a higher frequency, a pair of
-    poles."""
-    hz = np.concatenate([m.frequency_hz for m in problem.measured])
-    facts = linear.facts(problem.model)
-    body = facts.required_drive.body
-    work = model_file.read(problem.model).workpiece
-    moving = facts.moving_kg(work)
+def _latency(model: _Model) -> Candidate:
+    """Returns the candidate that the measured force arrives later than the model says."""
+    name = model_file.force_adc_table(model.problem.model).get("latency")
+    sampling = model.facts.required_reading.sampling
+    has = sampling.latency_s if sampling else -0.5 / TICKS_PER_S
 
-    def factor(parameters: Sequence[float], _: int, hz: Samples) -> Response:
-        zero, split, zeta = parameters
+    def factor(values: Values, i: int, hz: Samples) -> Response | float:
+        return np.exp(-2j * np.pi * hz * values["late_s@"]) if i in model.pressed else 1.0
 
-        def pair(at: float) -> Response:
-            ratio = hz / at
-            return np.asarray(1 - ratio**2 + 2j * zeta * ratio)
+    def lines(values: Values) -> str:
+        late = max(has + values["late_s@"], 1e-6)
+        if isinstance(name, str) and name in model.facts.parameters:
+            text = f'{name} = {{ value = {late:.4g}, unit = "s" }}'
+            return f"# in [parameters], in place of {has:.4g}\n{text}"
+        return f'# in the [[adc]] of channel 0\nlatency = "{1e3 * late:.4g} ms"'
 
-        return pair(zero) / pair(zero * split)
+    return Candidate(
+        "latency", {"late_s@": Prior(START_LAG_S, 1.2)},
+        lambda values: f"a latency of {1e3 * values['late_s@']:.2g} ms more of the measured force",
+        lines, factor=factor,
+    )  # fmt: skip
 
-    def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
-        zero, split, zeta = parameters
-        mass = moving * abs(split**2 - 1)
-        stiffness = mass * (2 * math.pi * zero) ** 2
-        damping = 2 * zeta * math.sqrt(stiffness * mass)
-        lines = (
-            f'[[body]]\nname = "mode"\nmass = {mass:.4g}\n\n[[spring]]\nname = "mode_spring"\n'
-            f'between = ["mode", "{body}"]\nstiffness = {stiffness:.4g}\ndamping = {damping:.4g}'
+
+def _frames(model: _Model) -> list[list[Candidate]]:
+    """Returns candidates for a mode of vibration of the machine, one list for each place: a bed
+    that carries motor and encoder, a tool that is held elastically, or another body on a spring at
+    a body of the axis."""
+    hz = np.concatenate([m.frequency_hz for m in model.problem.measured])
+    moving = model.facts.moving_kg(model.tables.workpiece)
+    kinds = [("mode", body) for body in model.moved]
+    if model.ground == "ground":
+        kinds.append((BED, "ground"))
+    if model.tables.contact:
+        kinds.append((TOOL, model.tool))
+
+    def of(name: str, end: str, at_hz: float) -> Candidate:
+        mass = (2.0 if name == BED else 0.1) * moving
+        stiffness = mass * (2 * math.pi * at_hz) ** 2
+
+        def elements(values: Mapping[str, float | str]) -> str:
+            m, k, b = (_toml(values[key]) for key in ("m_mode", "k_mode", "b_mode"))
+            return (
+                f'{PLACES.get(name, "")}[[body]]\nname = "{name}"\nmass = {m}\n\n[[spring]]\n'
+                f'name = "{name}_spring"\nbetween = ["{name}", "{end}"]\nstiffness = {k}\n'
+                f"damping = {b}"
+            )
+
+        def words(values: Values) -> str:
+            alone = math.sqrt(values["k_mode"] / values["m_mode"]) / (2 * math.pi)
+            what = {BED: "of the machine bed", TOOL: "of the tool"}.get(name, f"at {end}")
+            return f"a mode {what} near {alone:.3g} Hz"
+
+        return Candidate(
+            "frame",
+            {
+                "m_mode": Prior(mass, 1.0), "k_mode": Prior(stiffness, 1.0),
+                "b_mode": Prior(0.06 * math.sqrt(stiffness * mass), 1.0),
+            },
+            words, elements, elements=elements,
+            parameters={"m_mode": (mass, "kg"), "k_mode": (stiffness, "N/m"),
+                        "b_mode": (0.0, "N s/m")},
+        )  # fmt: skip
+
+    starts = np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()
+    return [[of(name, end, at) for at in starts] for name, end in kinds]
+
+
+def _add(document: tomlkit.TOMLDocument, model: str | Path, text: str) -> None:
+    """Adds elements of a TOML text to the document of a model. A machine bed then carries what
+    was fixed to the ground beside it, and a tool is what touches the workpiece."""
+    tables, drive = model_file.read(model), linear.facts(model).required_drive
+    contact = tables.contact
+    moved = {drive.body, *(contact.between[:1] if contact else ())}
+    for kind, added in tomlkit.parse(text).items():
+        for table in added:
+            if kind == "body" and table["name"] == BED:
+                for links in ("damper", "friction", "brake", "cogging"):
+                    for link in document.get(links, ()):
+                        if link["between"][0] in moved and link["between"][1] == "ground":
+                            link["between"] = [link["between"][0], BED]
+                document["drive"]["reaction"] = BED
+                document["encoder"]["reference"] = BED
+            if kind == "body" and table["name"] == TOOL and contact:
+                held = next(body for body in tables.bodies if body.name == contact.between[0])
+                if held.position is not None:
+                    table["position"] = held.position
+                own = next(one for one in document["contact"] if one["name"] == contact.name)
+                own["between"] = [TOOL, contact.between[1]]
+            document.setdefault(kind, tomlkit.aot()).append(table)
+
+
+def _toml(value: float | str) -> str:
+    """Returns a number or the name of a parameter as TOML text."""
+    return f'"{value}"' if isinstance(value, str) else f"{value:.4g}"
+
+
+def _frictions(model: _Model, speeds: Sequence[float]) -> list[Candidate]:
+    """Returns candidates for dry friction of guide or gear. In each response it is a damper that
+    depends on the speed (see forceaxis.commission.friction). A model with dampers in place of its
+    friction has no such candidate."""
+    if any(model.problem.own) or len(speeds) != len(model.problem.measured):
+        return []
+
+    def at(place: str) -> Candidate:
+        one = friction_models.FrictionElement("seals", (place, model.ground), 1.0)
+        per_N = [friction.damping(1.0, max(speed, 1e-7)) for speed in speeds]
+
+        def lines(values: Values) -> str:
+            return friction_models.toml_lines((replace(one, newton=values["friction_N@"]),))
+
+        return Candidate(
+            "guide_friction", {"friction_N@": Prior(0.1 * _least_N(model, per_N), 3.0)},
+            lambda values: f"dry friction of {values['friction_N@']:.2g} N at {place}", lines,
+            model=friction_models.damped(model.problem.model, (one,)),
+            own=tuple({one.damping: ("friction_N@", factor)} for factor in per_N), linear=False,
+        )  # fmt: skip
+
+    return [at(place) for place in model.moved]
+
+
+def _least_N(model: _Model, per_N: Sequence[float]) -> float:
+    """Returns the friction in N whose damping, in the response with the smallest one, is that of
+    all moving masses at the middle of the band."""
+    m = model.problem.measured[0]
+    middle = 2 * math.pi * math.sqrt(float(m.frequency_hz[0] * m.frequency_hz[-1]))
+    return model.facts.moving_kg(model.tables.workpiece) * middle / min(per_N)
+
+
+def _relaxing(model: _Model) -> list[Candidate]:
+    """Returns candidates for a workpiece that relaxes: a spring in series with a dashpot, parallel
+    to the spring of the workpiece."""
+    support, work = model.tables.support, model.tables.workpiece
+    name = support.stiffness if support else None
+    if not isinstance(name, str) or name not in model.best:
+        return []
+
+    def of(time_s: float) -> Candidate:
+        def elements(values: Mapping[str, float | str]) -> str:
+            k, t = (_toml(values[name]) for name in ("k_relaxing", "t_relaxing"))
+            return (
+                f'[[spring]]\nname = "relaxing"\nbetween = ["{work}", "ground"]\nstiffness = 0.0\n'
+                f"maxwell_stiffness = {k}\nmaxwell_time = {t}"
+            )
+
+        def words(values: Values) -> str:
+            return (
+                f"a workpiece that relaxes, by {values['k_relaxing']:.3g} N/m in "
+                f"{values['t_relaxing']:.2g} s"
+            )
+
+        return Candidate(
+            "relaxing",
+            {"k_relaxing": Prior(0.3 * model.best[name], 1.2), "t_relaxing": Prior(time_s, 1.0)},
+            words, elements, elements=elements,
+            parameters={"k_relaxing": (model.best[name], "N/m"), "t_relaxing": (time_s, "s")},
+        )  # fmt: skip
+
+    return [of(time_s) for time_s in (0.01, 0.1)]
+
+
+def _stiffening(model: _Model) -> list[Candidate]:
+    """Returns the candidate that the stiffness of the workpiece differs between the forces."""
+    support = model.tables.support
+    name = support.stiffness if support else None
+    known_name = isinstance(name, str) and name in model.best
+    if support is None or not isinstance(name, str) or not known_name or len(model.pressed) < 2:
+        return []
+    keys = {i: f"{name}@{i}" for i in model.pressed}
+
+    def words(values: Values) -> str:
+        sizes = ", ".join(f"{values[key]:.4g}" for key in keys.values())
+        return f"a stiffness {name} that depends on the force, {sizes} N/m from the least force on"
+
+    def lines(values: Values) -> str:
+        sizes = ", ".join(f"{values[key]:.4g}" for key in keys.values())
+        return (
+            f'# in the [[spring]] "{support.name}", with loads: a force between each two forces\n'
+            f"stiffness = [{sizes}]"
         )
-        return f"a mode near {zero * split:.3g} Hz", lines
 
     return [
-        Shape(
-            "mode",
-            {"mode_hz": Prior(f, 0.15), "split": Prior(START_SPLIT, 0.1), "zeta": Prior(0.03, 1.0)},
-            factor, words,
+        Candidate(
+            "stiffening",
+            {key: Prior(model.best[name], STIFFENING_SPREAD) for key in keys.values()},
+            words,
+            lines,
+            linear=False,
+            own=tuple(
+                {name: (keys[i], 1.0)} if i in keys else {}
+                for i in range(len(model.problem.measured))
+            ),
         )
-        for f in np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()
+    ]
+
+
+def _play(model: _Model) -> list[Candidate]:
+    """Returns the candidate for play in the transmission. Out of contact no force closes it, so the
+    transmission has a smaller stiffness in this response (describing function of a dead zone)."""
+    link = next(
+        (s for s in model.tables.springs if set(s.between) == {model.body, model.tool}), None
+    )
+    name = link.stiffness if link else None
+    if link is None or model.body == model.tool or not isinstance(name, str):
+        return []
+    value = model.best.get(name, model.facts.parameters[name].value)
+    key = f"{name}@free"
+    return [
+        Candidate(
+            "play", {key: Prior(share * value, 1.5)},
+            lambda values: f"play in {link.name}: out of contact its stiffness is "
+            f"{values[key] / value:.2g} of that in contact",
+            lambda _: f'# in place of the [[spring]] "{link.name}": a [[backlash]] with its keys '
+            "and `width`, the play in m",
+            own=tuple({name: (key, 1.0)} if m.free else {} for m in model.problem.measured),
+            linear=False,
+        )
+        for share in (1e-3, 0.03, 0.3)
     ]  # fmt: skip
 
 
-def _gains(problem: Responses) -> Shape:
-    """Returns the candidate with a separate gain for each response in contact except the first."""
-    pressed = [i for i, m in enumerate(problem.measured) if not m.free]
-    support = model_file.read(problem.model).support
+def _cogging(model: _Model) -> list[Candidate]:
+    """Returns the candidate for cogging of a linear motor. Within one magnet it is like a spring
+    between motor and ground, with another stiffness at each place. Of both signs, only a positive
+    one is tried."""
+    if model.tables.drive.k_force is None:
+        return []
+    responses = model.problem.measured
+    least = min(float(m.frequency_hz[0]) for m in responses)
+    moving = model.facts.moving_kg(model.tables.workpiece)
+    least_stiffness = moving * (2 * math.pi * least) ** 2
+    names = ["k_cogging@free" if m.free else "k_cogging@pressed" for m in responses]
+    priors = {name: Prior(least_stiffness, 2.0) for name in dict.fromkeys(names)}
 
-    def factor(parameters: Sequence[float], i: int, _: Samples) -> float:
-        return parameters[pressed.index(i) - 1] if i in pressed[1:] else 1.0
-
-    def words(parameters: Sequence[float], best: Values) -> tuple[str, str]:
-        gains = [1.0, *parameters]
-        shares = ", ".join(f"{gain:.3g}" for gain in gains)
-        what = f"a gain that differs by level, {shares} from the smallest force on"
-        name = support.stiffness if support else None
-        known = linear.facts(problem.model).parameters
-        own = best.get(str(name), known.get(str(name), (1.0,))[0])
-        softer = [float(f"{own * gain:.4g}") for gain in gains]
-        where = (
-            "# in the [[spring]] behind the contact, with loads: a force between each two levels"
+    def elements(values: Mapping[str, float | str]) -> str:
+        return (
+            f'[[spring]]\nname = "cogging_slope"\nbetween = ["{model.body}", "{model.ground}"]\n'
+            f"stiffness = {_toml(values['k_cogging'])}"
         )
-        return what, f"{where}\nstiffness = {softer}"
 
-    return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN_SPREAD) for i in pressed[1:]}, factor, words)
-
-
-def of(found: JointFit) -> list[Tried]:
-    """Returns the elements that the model of a rejected fit may lack, sorted with the most likely
-    first."""
-    return tried(replace(found.problem), found.at)
+    return [
+        Candidate(
+            "cogging", priors,
+            lambda values: "cogging with a slope of "
+            f"{max(values[name] for name in priors):.3g} N/m",
+            lambda _: "# a [[cogging]] with its force and its period; `forceaxis new` writes it "
+            "from cogging_n and magnet_period_mm",
+            elements=elements, parameters={"k_cogging": (least_stiffness, "N/m")},
+            own=tuple({"k_cogging": (name, 1.0)} for name in names), linear=False,
+        )
+    ]  # fmt: skip

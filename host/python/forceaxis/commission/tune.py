@@ -31,8 +31,10 @@ from forceaxis.commission import (
     known,
     machine_bounds,
     margins,
+    missing_parts,
     tune_fit,
     tune_measure,
+    unexplained,
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.level import Level, Rest
@@ -52,6 +54,7 @@ from forceaxis.commission.tune_measure import (
     analyzer_of,
     disable,
     force_objects,
+    go_home,
     measuring_order,
     next_amplitude,
     objects_of,
@@ -76,16 +79,18 @@ from forceaxis.commission.tune_results import (
 from forceaxis.design import experiment_file, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.certificate import NoPFigures, PFigures
-from forceaxis.design.grid import hf_of_noise
+from forceaxis.design.grid import Bounds, Grid, hf_of_noise
 from forceaxis.design.outcome import DesignResult
 from forceaxis.errors import ParameterError
 from forceaxis.identify.distributions import normal_bound
 from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.results import from_json, to_json
 
 R = TypeVar("R")  # type of the result of a step
 
+GAIN_MAX = 256.0  # largest gain of the firmware in DAC codes per 8-bit count
 LIMIT_FACTOR = 1 / 6  # gain of the force law for the measurement, divided by the critical gain
 # Factors of stiffness and mass in the set of plants for which the critical gain is computed.
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
@@ -120,6 +125,9 @@ ROUNDING_LSB = 0.29  # rms error of rounding in codes
 APPROACH_LONGEST_S = 300.0
 # A text names the limiting bound if the bandwidth is below this factor times that of the P law.
 BANDWIDTH_FACTOR = 1.7
+# A law that does not bear the error of the model is designed again, so many times at most. The
+# distance of its Ms from 1 becomes smaller by a factor within these bounds.
+MODEL_ERROR_ROUNDS, MODEL_ERROR_STEP_MIN, MODEL_ERROR_STEP_MAX = 7, 0.4, 0.85
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
@@ -326,23 +334,25 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
     factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
-    members = [{n: f * values[n] for n, f in zip(values, row, strict=True)} for row in factors]
+    members = [
+        Member({n: f * values[n] for n, f in zip(values, row, strict=True)}, tuning.states)
+        for row in factors
+    ]
+    grids = [Grid(PlantSet(model), [member], ("zoh+1",)) for member in members]
+    volts = linear.facts(model).volts_per_code
+    statics = [
+        volts * abs(linear.linearise(model, outputs=("adc0",), overrides=member.values,
+                                     modes=tuning.states).at(0.0).item())
+        for member in members
+    ]  # fmt: skip
+    bounds = Bounds((math.inf,), 1 / LIMIT_FACTOR, None, LIMIT_FACTOR * GAIN_MAX)
     best: tuple[float, Bank, float] | None = None
     for rate in RATES_RAD_PER_S:
-        bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
-        spec = loops.LoopSpec("bank", "zoh+1", bank=bank)
-        for changed in members:
-            loop = spec.around(model, changed, tuning.states)
-            limit = loop.limit()
-            if limit.stable_to is not None:
-                gains.append(loop.firmware_gain(limit.stable_to))
-                highest = max(highest, limit.frequency_hz or 0.0)
-            plant = linear.linearise(
-                model, outputs=("adc0",), overrides=changed, modes=tuning.states
-            )
-            static = abs(plant.at(0.0).item()) * linear.facts(model).volts_per_code
-            slowest = min(slowest, rate * static)
-        gain = math.floor(LIMIT_FACTOR * min(gains) * 256) / 256
+        bank = Bank(1.0, rate)
+        limits = [grid.largest_gain(bank, 1.0, bounds) for grid in grids]
+        highest = max((one.place.frequency_hz for one in limits if one.place), default=0.0)
+        gain = math.floor(min(one.gain for one in limits) * 256) / 256
+        slowest = rate * min(statics)
         if best is None or gain * slowest > best[0]:
             best = gain * slowest, replace(bank, force_gain=gain), highest
         if best[0] > CROSSOVER_RAD_PER_S:
@@ -363,10 +373,7 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
         hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
         firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
-    try:
-        found = for_set.design(asked, None, tuning.say)
-    except (InputError, _core.SimulationError) as error:
-        raise Refusal("design", str(error)) from None
+    found = _designed(tuning, fitted, asked)
     laws = {"before": checked.before.bank, "designed": found.bank}
     ms = found.worst.largest_ms
     result = found.result()
@@ -386,6 +393,52 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
         tuning.say(limited_by)
         done = replace(done, limited_by=limited_by)
     return done
+
+
+def _designed(
+    tuning: TuningFolder, fitted: Fitted, order: outcome.DesignOrder
+) -> outcome.DesignOutcome:
+    """Designs the force law. If the model does not explain the responses, the law is designed for a
+    smaller Ms, until the plants with the measured part that the model lacks have at most the Ms of
+    the request. Raises Refusal."""
+
+    def design(ms: float, simulate: bool) -> outcome.DesignOutcome:
+        try:
+            return for_set.design(replace(order, ms=ms, simulate=simulate), None, tuning.say)
+        except (InputError, _core.SimulationError) as error:
+            raise Refusal("design", str(error)) from None
+
+    if not fitted.unexplained:
+        return design(order.ms, True)
+    ms, simulate = order.ms, False
+    for _ in range(MODEL_ERROR_ROUNDS):
+        found = design(ms, simulate)
+        timings = found.order.goal(found.bits).timings
+        peaks = unexplained.largest_ms(found.plants, found.bank, timings, fitted.unexplained)
+        above = max(
+            (peak - 1) / (most * order.ms - 1)
+            for peak, most in zip(peaks.values(), (1.0, outcome.LATE), strict=False)
+        )
+        if above <= 1 and simulate:
+            worst = found.worst
+            found.worst = replace(
+                worst, Ms=max(worst.Ms or 0.0, peaks[timings[0]]),
+                Ms_late=max(worst.Ms_late or 0.0, peaks[timings[-1]]),
+            )  # fmt: skip
+            return found
+        if above <= 1:
+            simulate = True
+            continue
+        ms = 1 + (ms - 1) * max(MODEL_ERROR_STEP_MIN, min(MODEL_ERROR_STEP_MAX, 1 / above))
+        tuning.say(
+            f"with the part that the model lacks, Ms is {max(peaks.values()):.3g}; the law is "
+            f"designed again, for Ms {ms:.3g}"
+        )
+    cause = missing_parts.winner(tune_fit.TRIED.required(tuning.folder))
+    raise Refusal(
+        "chi2", f"{fitted.why_not}; no force law bears the part that the model lacks",
+        cause.toml if cause else "",
+    )  # fmt: skip
 
 
 def design_line(tuning: TuningFolder, done: Designed) -> str:
@@ -529,6 +582,7 @@ def verify(
     first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
     try:
         for force in order.forces:
+            go_home(tuning, checked)
             about, order = _verified(fitted_axis, force, first, order)
             first = next_amplitude(about.amplitude, force, order.forces)
             levels[f"verified-{force:g}N"] = about
@@ -571,7 +625,8 @@ def _verified(
         level, figures = take_response(
             tuning, f"verified-{force:g}N", force_objects(tuning), asked, contact.Touching, take
         )
-        peak = margins.peaks(fitted_axis, level)
+        lacks = fitted_axis.fitted.unexplained.get(f"{force:g}N")
+        peak = margins.peaks(fitted_axis, level, lacks)
         if peak:
             peaks = contact.write(fitted_axis, touched[-1])
             row = VerifiedResponse(**(vars(figures) | vars(peak) | vars(peaks)))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from forceaxis import linear
+from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.commission import (
     friction,
     friction_models,
@@ -15,11 +16,13 @@ from forceaxis.commission import (
     missing_parts,
     sine_excitation,
     tune_measure,
+    unexplained,
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_folder import (
+    COMPLETED_MODEL,
     FITTED_MODEL,
     LEVELS,
     RESPONSES_MODEL,
@@ -78,6 +81,10 @@ UNKNOWN_MASS_FACTOR = 3.0
 # Two responses differ if the probability of the difference from noise alone is below this value.
 DIFFERENCE_PROBABILITY = 1e-4
 
+# A number of the model that is wrong by at most this factor is corrected without a question.
+NUMBER_CHANGE_MAX = 1.6
+EXPLAINED = ("chi2", "prior")  # rejections of a fit for which causes are searched
+
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
 
 
@@ -95,16 +102,28 @@ class _Attempt:
 
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
     """Fits the parameters of the model to all responses and to their prior values."""
-    (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
-    done = _attempt(tuning, free, measured, tune_measure.moving_N(tuning, free), SLIDING_SPREAD)
-    integral = known.has_integral(tuning.given, tuning.order.band_hz)
-    if done.found.rejected and integral and not free.glide.rubs:
-        done = _with_hidden_friction(tuning, free, measured) or done
-    found, frictions = done.found, done.frictions
+    for name in (FITTED_MODEL, COMPLETED_MODEL):
+        (tuning.folder / name).unlink(missing_ok=True)
+    moving_N = tune_measure.moving_N(tuning, free)
+    done = _attempt(tuning, free, measured, moving_N, SLIDING_SPREAD)
+    lacks, tried = "", list[missing_parts.Tried]()
+    if done.found.rejected in EXPLAINED:
+        tried = _tried(tuning, done, free, measured)
+        with_cause = _with_cause(tuning, done, tried, free, measured)
+        if with_cause:
+            done, tuning, lacks = with_cause
+    found, frictions, why_not = done.found, done.frictions, ""
+    if found.rejected in EXPLAINED and _is_linear(tuning, done):
+        found, why_not = _with_model_error(tuning, found, tried)
     if found.rejected:
-        raise Refusal(found.rejected, *_explained(tuning, found))
+        raise Refusal(found.rejected, *_explained(found, tried))
     # A fit that was accepted always has plants and intervals.
     assert found.plants is not None and found.intervals is not None
+    for name in found.far:
+        tuning.say(
+            f"{name} is {found.best[name]:.5g}, far from its prior value "
+            f"{found.problem.priors[name].value:.5g}; the law is designed for the fitted value"
+        )
     changes: list[str] = []
     if frictions:
         found.plants, changes = _with_tolerances(
@@ -115,11 +134,59 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
     return Fitted(
         **vars(found.summary()), parameters=rows, friction=frictions,
-        lines=_model_lines(tuning, frictions),
+        lines=_model_lines(tuning, frictions, lacks),
         left_out=tuple(name for name in _every(tuning) if name not in done.names),
         relied=tuple(changes), together=tuple(found.plants.together),
         own=dict(zip(done.names, found.own, strict=False)) if frictions else {},
+        unexplained=unexplained.of_fit(found, done.names) if why_not else {}, why_not=why_not,
     )  # fmt: skip
+
+
+def _with_cause(
+    tuning: TuningFolder, done: _Attempt, tried: list[missing_parts.Tried], free: FreeResponse,
+    measured: MeasuredResponses,
+) -> tuple[_Attempt, TuningFolder, str] | None:  # fmt: skip
+    """Fits again with the cause of a rejection, as the user would add it to the model or to the
+    command. Friction that the motion out of contact does not show is tried first, where it is
+    possible. Returns None if no candidate is the cause by evidence, or if it is not linear, or if
+    the fit is still rejected. Returns three values: the fit, the tuning with the completed model,
+    and the TOML text that the model lacks."""
+    if missing_parts.possible(tried, "guide_friction"):
+        rubs = _with_hidden_friction(tuning, free, measured)
+        if rubs:
+            return rubs, tuning, ""
+    cause = missing_parts.winner(tried)
+    if cause is None:
+        return None
+    completed, lines = tuning, cause.toml
+    if cause.name == "stiffening":
+        (name,) = {key.partition("@")[0] for key in cause.values}
+        apart = joint_fit.with_levels(done.found, name, cause.values, tuning.order.over)
+        again = replace(done, found=apart)
+    elif not cause.linear or _far_from_model(tuning, cause):
+        return None
+    else:
+        path = tuning.given
+        if lines:
+            path = tuning.folder / COMPLETED_MODEL
+            path.write_text(missing_parts.with_part(tuning.given, cause), encoding="utf-8")
+        completed = tuning.with_part(path, cause.priors)
+        moving_N = tune_measure.moving_N(completed, free)
+        again = _attempt(completed, free, measured, moving_N, SLIDING_SPREAD)
+    if again.found.rejected:
+        return None
+    tuning.say(f"{missing_parts.text_of(tried)}; the tuning continues with it")
+    return again, completed, lines
+
+
+def _far_from_model(tuning: TuningFolder, cause: missing_parts.Tried) -> bool:
+    """Returns True if a cause is a number that differs so much from the model that a user should
+    decide whether it is right."""
+    given = linear.facts(tuning.given).parameters
+    changes = [value / given[name].value for name, value in cause.values.items() if name in given]
+    return bool(cause.option) and any(
+        abs(math.log(change)) > math.log(NUMBER_CHANGE_MAX) for change in changes
+    )
 
 
 def _every(tuning: TuningFolder) -> list[str]:
@@ -153,7 +220,7 @@ def _attempt(
     else:
         model = str(given)
         names = closed + _differing(tuning, measured, every[1:], model)
-    responses = [fit_response.read_response(tuning.folder / name, model) for name in names]
+    responses = [_response(tuning.folder / name, model) for name in names]
     sheet = known.priors(model, order.over, order.priors)
     before = sheet | _workpiece(tuning, frictions, measured)
     if len(_under_workpiece(tuning, frictions)) < len(frictions):
@@ -173,6 +240,9 @@ def _attempt(
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         # The fitted stiffness of the sensor makes the results of the sine test more accurate.
         found = fitted(before | again)
+    if found.rejected == "prior" and (again or before != sheet):
+        # The responses contradict the stiffness or the mass that was estimated from slow motions.
+        found = fitted(sheet)
     return _Attempt(found, frictions, dampers, names, sheet)
 
 
@@ -218,19 +288,51 @@ def _spans(done: Fitted) -> list[tuple[str, float, float]]:
     return [(name, low, high) for name, (_, low, high) in ranges.items()]
 
 
-def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:
-    """Returns two texts: reason for the rejection of a fit, and TOML text of the candidates that
-    would explain the responses."""
-    if found.rejected != "chi2":
-        return found.text, ""
-    tuning.say("the model does not explain the responses: parts that it may lack are tried")
-    tried = missing_parts.of(found)
+def _tried(
+    tuning: TuningFolder, done: _Attempt, free: FreeResponse, measured: MeasuredResponses
+) -> list[missing_parts.Tried]:
+    """Fits the candidates for the reason of a rejected fit."""
+    tuning.say("the model does not explain the responses: possible causes are fitted")
+    speeds = (
+        ()
+        if done.frictions or free.glide.rubs
+        else tuple(_speed_m_per_s(tuning, name, free, measured) for name in done.names)
+    )
+    tried = missing_parts.of(done.found, tuning.folder, speeds)
     TRIED.write(tuning.folder, tried)
-    if not tried:
+    return tried
+
+
+def _explained(found: joint_fit.JointFit, tried: list[missing_parts.Tried]) -> tuple[str, str]:
+    """Returns two texts: reason for the rejection of a fit with its cause, and TOML text of the
+    cause."""
+    if found.rejected not in EXPLAINED:
         return found.text, ""
-    names = " or ".join(one.text for one in tried[: missing_parts.SHOWN_CANDIDATES])
-    text = f"{found.text}; parts that explain them, the most likely first: {names}; add to the "
-    return text + "model the part that the axis has", missing_parts.lines_of(tried)
+    cause = missing_parts.winner(tried)
+    return f"{found.text}; {missing_parts.text_of(tried)}", cause.toml if cause else ""
+
+
+def _is_linear(tuning: TuningFolder, done: _Attempt) -> bool:
+    """Returns True if the responses do not depend on the amplitude. Only then do they show what the
+    axis does at every amplitude. Backlash and dry friction do not permit this."""
+    smaller = not set(done.names) <= set(_every(tuning))
+    return not (done.frictions or smaller or known.play_counts(tuning.given))
+
+
+def _with_model_error(
+    tuning: TuningFolder, rejected: joint_fit.JointFit, tried: list[missing_parts.Tried]
+) -> tuple[joint_fit.JointFit, str]:
+    """Returns the fit with a model error that explains the responses, and a text about what the
+    model may lack. Raises Refusal if the fit contradicts a prior that the user gave, or if the
+    response near the limiting mode is not known."""
+    text, lines = _explained(rejected, tried)
+    if rejected.rejected == "prior" and not rejected.surmised:
+        raise Refusal("prior", text, lines)
+    found = joint_fit.with_model_error(rejected, tuning.order.over)
+    if found.rejected:
+        raise Refusal(found.rejected, found.text, lines)
+    tuning.say(f"{text}; the tuning continues with what the responses show beside the model")
+    return found, text
 
 
 def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
@@ -239,11 +341,17 @@ def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
     return tuple(one for one in frictions if friction_models.of_workpiece(tuning.given, one))
 
 
-def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
-    """Shows the friction elements that have to be added to the model, and writes the completed
-    model. Returns these elements as TOML text."""
+def _model_lines(tuning: TuningFolder, frictions: Frictions, lacks: str) -> str:
+    """Shows what has to be added to the model, and writes the completed model. Returns this as TOML
+    text. `lacks`: TOML text of a part that the model lacks beside the friction."""
+    if lacks:
+        tuning.say("add to the model:")
+        for line in lacks.splitlines():
+            tuning.say(line)
     if not frictions:
-        return ""
+        if tuning.given.name == COMPLETED_MODEL:
+            (tuning.folder / FITTED_MODEL).write_bytes(tuning.given.read_bytes())
+        return lacks
     text = friction_models.with_friction(tuning.given, frictions)
     (tuning.folder / FITTED_MODEL).write_text(text, encoding="utf-8")
     lines = friction_models.toml_lines(frictions)
@@ -253,7 +361,19 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
         tuning.say("the model lacks this friction; the tuning continues with it; add to the model:")
         for line in lines.splitlines():
             tuning.say(line)
-    return lines
+    return "\n\n".join(text for text in (lacks, lines) if text)
+
+
+def _response(folder: Path, model: str) -> Measurement:
+    """Reads a measured response. The ages of its forces are those of the model, which may have
+    another latency than when the response was measured."""
+    found = fit_response.read_response(folder, model)
+    sampling = linear.facts(model).required_reading.sampling
+    if found.free or not sampling:
+        return found
+    mean_s, width_s = sampling.ages_s()
+    ages = mean_s * TICKS_PER_S, width_s * TICKS_PER_S
+    return replace(found, ages=ages, sinc_order=sampling.sinc_order)
 
 
 def _closed(
@@ -289,13 +409,8 @@ def _dampers(
 ) -> dict[str, Prior]:  # fmt: skip
     """Returns {parameter: Prior} of the dampers that replace the friction elements in a response.
     `spread`: as for _attempt()."""
-    scale = abs(linear.facts(tuning.given).required_encoder.scale)
-    response: ResponseFigures = free if name == "free" else measured.levels[name]
-    speed_m_per_s = response.speed_rms / scale
-    # In contact, speed_rms is the rms rate of change of the force.
-    # The compliances of `between` are in counts/N.
-    if name != "free":
-        speed_m_per_s *= measured.between.compliance + measured.between.sliding
+    response = _figures(name, free, measured)
+    speed_m_per_s = _speed_m_per_s(tuning, name, free, measured)
     on_table = _under_workpiece(tuning, frictions)
     found = {}
     for one in frictions:
@@ -310,6 +425,31 @@ def _dampers(
     return found
 
 
+def _figures(name: str, free: FreeResponse, measured: MeasuredResponses) -> ResponseFigures:
+    """Returns the numbers of the response with the name `name`. Those of a response with the
+    smaller amplitude are the ones that its force has for it."""
+    if name == "free":
+        return free
+    level = measured.levels.get(name)
+    if level:
+        return level
+    of_force = next(force for force in measured.levels if small_of(force) == name)
+    return measured.levels[of_force].small or measured.levels[of_force]
+
+
+def _speed_m_per_s(
+    tuning: TuningFolder, name: str, free: FreeResponse, measured: MeasuredResponses
+) -> float:
+    """Returns the rms speed of the axis in m/s while a response was measured."""
+    scale = abs(linear.facts(tuning.given).required_encoder.scale)
+    speed = _figures(name, free, measured).speed_rms / scale
+    if name == "free":
+        return speed
+    # In contact, speed_rms is the rms rate of change of the force.
+    # The compliances of `between` are in counts/N.
+    return speed * (measured.between.compliance + measured.between.sliding)
+
+
 def _error(
     name: str, frictions: Frictions, free: FreeResponse, measured: MeasuredResponses
 ) -> float:
@@ -319,7 +459,7 @@ def _error(
     excitation. An axis that sticks for most of the time has errors that are similar at neighbouring
     frequencies, so its response must have little weight in the fit.
     """
-    response: ResponseFigures = free if name == "free" else measured.levels[name]
+    response = _figures(name, free, measured)
     rms_codes = response.amplitude / math.sqrt(3)  # of noise with equally frequent values
     ratio = free.glide.dead_zone / rms_codes if free.glide.rubs else 0.0
     held = RUBBING_ERROR * ratio * (1 + (ratio / RUBBING_RATIO) ** 2)
@@ -362,35 +502,25 @@ def _workpiece(
     found: dict[str, Prior] = {}
     if stiffness and sliding:
         value = abs(facts.required_encoder.scale) / sliding
-        found[stiffness] = Prior(value, TRAVEL_STIFFNESS_ERROR)
+        found[stiffness] = Prior(value, TRAVEL_STIFFNESS_ERROR, True)
         # mean of both stiffnesses (from travel and from sines), weighted by their errors
-        if shaken:
+        if shaken and shaken.stiffness > 0:
             error = max(SINE_ERROR_MIN, shaken.stiffness_error)
             weights = np.array([TRAVEL_STIFFNESS_ERROR**-2, error**-2])
             mean = np.exp(weights @ np.log([value, shaken.stiffness]) / weights.sum())
-            found[stiffness] = Prior(float(mean), float(weights.sum() ** -0.5))
+            found[stiffness] = Prior(float(mean), float(weights.sum() ** -0.5), True)
     if mass and shaken and _determine_mass(shaken):
-        found[mass] = Prior(shaken.mass, max(SINE_ERROR_MIN, shaken.mass_error))
-    # for the mass of a workpiece that did not slide, see _with_tolerances()
+        found[mass] = Prior(shaken.mass, max(SINE_ERROR_MIN, shaken.mass_error), True)
+    # for the range of the mass of a workpiece that did not slide, see _with_tolerances()
     elif mass and mass not in given:
-        if not all(one.declared for one in on_table):
-            raise Refusal(
-                "friction", "expected a workpiece that slides on its table, but dry friction of "
-                f"{on_table[0].newton:.3g} N holds the workpiece at all forces within the bounds, "
-                "so that the mass of the workpiece cannot be measured; add the friction to the "
-                f"model and weigh the workpiece, then give the mass as a prior, {mass}=KG; "
-                f"without this prior, the law is designed for {UNKNOWN_MASS_FACTOR:g} times less "
-                "and more than the mass of the model",
-                friction_models.toml_lines(frictions),
-            )  # fmt: skip
-        found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD)
+        found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD, True)
     return {name: prior for name, prior in found.items() if name not in given}
 
 
 def _determine_mass(shaken: sine_excitation.SineTestResult | None) -> bool:
     """Returns True if the workpiece slid so far in the test with sines that its mass was measured
     accurately enough."""
-    return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
+    return shaken is not None and shaken.mass > 0 and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 
 def _with_tolerances(
@@ -507,6 +637,11 @@ def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[s
         "forces outside this range were not measured"
     ]
     lines += [f"designed for {line}" for line in (fitted.relied if fitted else ())]
+    if fitted and fitted.unexplained:
+        lines.append(
+            "the model lacks a part of the axis, so the law is designed with the measured "
+            f"responses beside the model: {fitted.why_not}"
+        )
     if fitted and fitted.left_out:
         lines.append(
             f"the backlash of the gear opens at {', '.join(fitted.left_out)}: these responses were "

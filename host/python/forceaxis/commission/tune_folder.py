@@ -5,8 +5,9 @@ A dataclass defines the content of each file. If a file is damaged or missing, t
 one line and states the remedy.
 """
 
+import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -25,7 +26,8 @@ from forceaxis.identify.fit import read_response
 
 R = TypeVar("R")
 
-RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"  # names of model files in the folder
+# names of model files in the folder
+RESPONSES_MODEL, COMPLETED_MODEL, FITTED_MODEL = "responses.toml", "completed.toml", "model.toml"
 TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
 NEW_FOLDER = "delete the folder or give another one"
 
@@ -183,6 +185,13 @@ class TuningFolder(as_found.AxisFolder):
         `fit` has added the measured friction."""
         own = self.folder / FITTED_MODEL
         return own if own.exists() else self.given
+
+    def with_part(self, model: Path, priors: tuple[str, ...]) -> "TuningFolder":
+        """Returns this tuning with another model in place of the given one, and with further
+        priors."""
+        other = copy.copy(self)
+        other.given, other.order = model, replace(self.order, priors=self.order.priors + priors)
+        return other
 
     def check_response(self, name: str, step: str) -> None:
         """Raises InputError if the folder of a response is damaged. `step`: name of the step that

@@ -134,7 +134,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             small += 1
         levels[name] = PressedResponse(**vars(figures), small=smaller)
         first = next_amplitude(figures.amplitude, force, order.forces)
-    _go_home(tuning, checked)
+    go_home(tuning, checked)
     return MeasuredResponses(levels, between, shaken)
 
 
@@ -143,9 +143,9 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 
 
-def _go_home(tuning: TuningFolder, checked: Checked) -> None:
+def go_home(tuning: TuningFolder, checked: Checked) -> None:
     """Moves the axis to its position in the step `check`. Otherwise a disabled axis with friction
-    would stay in contact."""
+    would stay in contact, and one without friction would coast away from the workpiece."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
         measures.go_home()

@@ -12,6 +12,7 @@ from forceaxis.commission import sine_excitation
 from forceaxis.commission.friction_models import FrictionElement
 from forceaxis.commission.joint_fit import JointSummary
 from forceaxis.commission.level import Abort, Rest
+from forceaxis.commission.unexplained import Unexplained
 from forceaxis.design.banks import BankFigures
 from forceaxis.design.cases import SimulatedContact
 from forceaxis.design.certificate import P, WorstFigures
@@ -147,7 +148,9 @@ class Fitted(JointSummary):
     measured dry friction. `lines`: the friction elements that have to be added to the model, as
     TOML text. `left_out`: responses that were not used, because the backlash of the gear opens.
     `relied`: texts about parameters whose value in the design differs from the fit. `together`:
-    parameters that change together in the set of plants.
+    parameters that change together in the set of plants. `unexplained`: for each response in
+    contact, what the model does not explain; it is empty if the model explains all responses.
+    `why_not`: what the model may lack in that case.
     """
 
     values: Values = field()
@@ -159,6 +162,8 @@ class Fitted(JointSummary):
     left_out: tuple[str, ...] = ()
     relied: tuple[str, ...] = ()
     together: tuple[Values, ...] = ({},)
+    unexplained: dict[str, Unexplained] = field(default_factory=dict)
+    why_not: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

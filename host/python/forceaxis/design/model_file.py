@@ -179,6 +179,13 @@ def read(model: str | Path) -> ModelFile:
     )
 
 
+def force_adc_table(model: str | Path) -> JsonObject:
+    """Returns all keys of the element [[adc]] on channel 0. The model is a path or a file name
+    without suffix. Raises InputError."""
+    adcs = toml.read(linear.find_model(model)).get("adc", ())
+    return next((dict(adc) for adc in adcs if adc.get("channel") == 0), {})
+
+
 def _of_table(kind: type[T], table: JsonObject, where: str) -> T:
     """Returns an object of the dataclass `kind`. Each field gets the value of the table's key with
     the same name."""
