@@ -103,6 +103,7 @@ static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) 
   axis->signals.command_code = 0;
   axis->signals.dac_code = 0;
   axis->signals.dac_fine = 0;
+  axis->net_q16 = 0;
   axis->signals.limit_reason = AXIS_LIMIT_REASON_NONE;
   outputs->dac_code = 0;
   outputs->dac_fine = 0;
@@ -169,6 +170,8 @@ static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *o
   fx_assert(signals->active_mode < AXIS_MODE_COUNT);
   fx_assert(signals->limit_reason < AXIS_LIMIT_REASON_COUNT);
   fx_assert(axis->step_mask == fx_step_mask(params->dac_bits));
+  fx_assert((axis->bias_q16 & ~axis->step_mask) == 0 &&
+            fx_magnitude(axis->bias_q16) <= UINT32_C(1024) * 65536);
   fx_assert(axis->bounded <= AXIS_BOUNDED_TICKS);
   fx_assert(axis->law.bank.sections <= FORCE_LAW_SECTIONS);
   fx_assert(fx_within(axis->profile.velocity_q16, INT32_C(134217728)));
@@ -178,8 +181,8 @@ static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *o
  * this tick. */
 static inline void set_output(axis_t *restrict axis, uint8_t digital_inputs, int32_t due_q16) {
   axis_signals_t *signals = &axis->signals;
-  const int32_t output_q16 = limits_apply(&axis->params, signals->position, digital_inputs, due_q16,
-                                          &signals->limit_reason);
+  const int32_t output_q16 = limits_apply(axis, digital_inputs, due_q16);
+  axis->net_q16 = output_q16 - axis->bias_q16;
   signals->dac_fine = (int16_t)fx_floor_shift(output_q16, 16 - AXIS_FINE_BITS);
   signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
 }
@@ -215,31 +218,30 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   /* A command is limited in the tick in which it is output, even if it was computed one tick
    * earlier. */
   const bool late = params->latency_ticks != 0;
+  signals->limit_reason = AXIS_LIMIT_REASON_NONE;
   if (late) {
     const int32_t due_q16 =
         (axis->bounded != 0) ? limits_bound_late(axis, axis->command_q16) : axis->command_q16;
     set_output(axis, inputs->din, due_q16);
   }
-  /* Until the next call of set_output(), dac_fine is the output that was computed in the previous
-   * tick. */
+  /* At this point net_q16 still belongs to the output that was computed in the previous tick. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
-    signals->bump_bias =
-        (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_fine, 16 - AXIS_FINE_BITS) - law_q16;
+    signals->bump_bias = (axis->bias_shift == 0) ? 0 : axis->net_q16 - law_q16;
     axis->rebase = 0;
   } else {
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
   fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
-            fx_magnitude(signals->bump_bias) <= UINT32_C(6146) * 65536);
+            fx_magnitude(signals->bump_bias) <= UINT32_C(7170) * 65536);
   /* The limits change only the output. So command_code shows the command of the control law, also
-   * if the code is output one tick later. The command of the control law plus the excitation has a
-   * magnitude below 4098 codes, and the bump bias one below 6146 codes. So their sum in 1/65536
-   * code is within +-2^30. */
+   * if the code is output one tick later. The magnitude of the law, with excitation, is below 4098
+   * codes, that of the bump bias below 7170 codes, and that of the output bias at most 1024 codes.
+   * So their sum in 1/65536 code is within +-2^30. */
   const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
   axis->command_q16 = command_q16;
-  signals->command_code = (int16_t)fx_code_from_q16(command_q16);
+  signals->command_code = (int16_t)fx_code_from_q16(command_q16 + axis->bias_q16);
   if (!late) {
     set_output(axis, inputs->din,
                (axis->bounded != 0) ? limits_bound(axis, command_q16) : command_q16);
@@ -252,6 +254,15 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   assert_after_tick(axis, outputs);
 }
 
+/* Computes the values that follow from the parameters of the output. */
+static void derive_output(axis_t *axis) {
+  const int32_t most_q16 = fx_scale(axis->params.output_limit, 16);
+  axis->step_mask = fx_step_mask(axis->params.dac_bits);
+  const int32_t bias_q16 =
+      fx_round_to(fx_scale(axis->params.output_bias, 16 - AXIS_FINE_BITS), axis->step_mask);
+  axis->bias_q16 = fx_clamp(bias_q16, -most_q16, most_q16);
+}
+
 void axis_init(axis_t *axis) {
   fx_clear(axis, sizeof(*axis));
   axis->free_codes = axis_codes_all();
@@ -259,8 +270,8 @@ void axis_init(axis_t *axis) {
   axis->late_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   value_store_defaults(&axis->signals, AXIS_BLOCK_AXIS_SIGNAL);
+  derive_output(axis);
   profile_set(&axis->profile, 0);
-  axis->step_mask = fx_step_mask(axis->params.dac_bits);
 }
 
 /* Checks a new tare against tare_band. If tare_band is not 0, the tare cannot change while the axis
@@ -297,7 +308,7 @@ void axis_output_loaded(axis_t *axis, uint8_t most) {
   if (axis->params.dac_bits > most) {
     axis->params.dac_bits = most;
   }
-  axis->step_mask = fx_step_mask(axis->params.dac_bits);
+  derive_output(axis);
 }
 
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value) {
@@ -312,7 +323,9 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
       axis->rebase |= (uint8_t)(mode == AXIS_MODE_POSITION && value != previous);
       break;
     case AXIS_OBJ_DAC_BITS:
-      axis->step_mask = fx_step_mask((uint8_t)value);
+    case AXIS_OBJ_OUTPUT_LIMIT:
+    case AXIS_OBJ_OUTPUT_BIAS:
+      derive_output(axis);
       break;
     case AXIS_OBJ_POSITION_SETPOINT:
       axis->setpoint_new |=

@@ -47,16 +47,20 @@ void axis_init(axis_t *axis);
  * present tick. Nothing is added to the output after the limits.
  *
  * Resolution: the sum of the command of the control law and the bump bias is rounded once, half up,
- * to a multiple of 2^(12 - dac_bits) code, and then limited. Limits and bounds are whole codes.
- * dac_fine is the output, and dac_code is dac_fine rounded to a whole code. If dac_bits is 12, both
- * are the same output.
+ * to a multiple of 2^(12 - dac_bits) code. The output bias, rounded in the same way, is added to
+ * the sum, and the result is limited. Limits and bounds are whole codes. dac_fine is the output,
+ * and dac_code is dac_fine rounded to a whole code. If dac_bits is 12, both are the same output.
+ *
+ * Output bias: output_bias is added to the output in each tick in which a mode is active, from the
+ * first one on, so that the axis does not fall when the brake opens. Its magnitude is at most half
+ * of the range of the DAC, so the law keeps at least the other half, and at most output_limit.
  *
  * Bumpless transfer: when a mode or gain changes, the code computed in that tick equals the code
- * that was output before (0 after disabled). The difference between this output and the control law
- * becomes a bias. In each tick the bias decreases by the fraction 2^-n of its value, at least by
- * 1/65536 code, until it is exactly 0. n is the value of bump_decay_shift when the mode or gain
- * changes; a later write does not change an existing bias. If n is 0, there is no bias, and the
- * output steps.
+ * that was output before (output_bias after disabled). The difference between this output and the
+ * control law becomes a bias. In each tick the bias decreases by the fraction 2^-n of its value, at
+ * least by 1/65536 code, until it is exactly 0. n is the value of bump_decay_shift when the mode or
+ * gain changes; a later write does not change an existing bias. If n is 0, there is no bias, and
+ * the output steps.
  *
  * A position_setpoint that is written before position mode begins becomes active when position mode
  * begins. Without such a write position_setpoint becomes the present position, so the axis stays at
@@ -81,9 +85,9 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value);
  * a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* Call axis_output_loaded() after params.dac_bits was changed without a write, for example when the
- * stored parameters were loaded. `most` is the largest number of bits that the DAC of the board can
- * output. A larger dac_bits is reduced to `most`. */
+/* Call axis_output_loaded() after dac_bits, output_limit or output_bias were changed without a
+ * write, for example when the stored parameters were loaded. `most` is the largest number of bits
+ * that the DAC of the board can output. A larger dac_bits is reduced to `most`. */
 void axis_output_loaded(axis_t *axis, uint8_t most);
 
 /* Call axis_bank_selected() after the coefficients of the filter bank `number` (1..4, law_bank.h)

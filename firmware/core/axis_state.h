@@ -90,11 +90,19 @@ typedef struct {
   force_law_t law;
   /* excitation added to the command of a force law, in 1/65536 code, within +-2048 codes */
   int32_t excitation_q16;
-  /* command before any limit, in 1/65536 code, rounded to the resolution of dac_bits */
+  /* command before any limit and without the output bias, in 1/65536 code, rounded to the
+   * resolution of dac_bits */
   int32_t command_q16;
   /* mask with which the command is rounded to the resolution of the DAC: fx_step_mask(dac_bits) */
   int32_t step_mask;
-  axis_codes_t free_codes; /* range of the output code, in DAC codes, in a tick without contact */
+  /* value of output_bias in 1/65536 code, rounded to the resolution of dac_bits and limited to
+   * output_limit */
+  int32_t bias_q16;
+  /* last output minus bias_q16, in 1/65536 code; 0 while the axis is disabled */
+  int32_t net_q16;
+  /* Ranges of DAC codes. Each is a range of the command, to which the output bias is added
+   * afterwards. free_codes: range of the output in a tick without contact. */
+  axis_codes_t free_codes;
   /* range of the DAC code that this tick computes, also if the code is output one tick later */
   axis_codes_t law_codes;
   /* range of the DAC code that the previous tick computed; used if latency_ticks is 1 */

@@ -84,7 +84,6 @@ typedef struct {
   int32_t position_setpoint;
   int32_t force_setpoint;
   int16_t open_loop_code;
-  uint16_t output_limit;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
   uint8_t active; /* 1 while the drive overrides the parameters whose values are saved here */

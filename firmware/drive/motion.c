@@ -9,7 +9,6 @@ void motion_restore(cia402_t *drive, axis_t *axis) {
     params->position_setpoint = drive->overridden.position_setpoint;
     params->force_setpoint = drive->overridden.force_setpoint;
     params->open_loop_code = drive->overridden.open_loop_code;
-    params->output_limit = drive->overridden.output_limit;
     params->profile_enable = drive->overridden.profile_enable;
     params->bump_decay_shift = drive->overridden.bump_decay_shift;
     axis->free_codes = axis_codes_all();

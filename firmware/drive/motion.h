@@ -25,7 +25,6 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
     drive->overridden = (cia402_overridden_t){.position_setpoint = params->position_setpoint,
                                               .force_setpoint = params->force_setpoint,
                                               .open_loop_code = params->open_loop_code,
-                                              .output_limit = params->output_limit,
                                               .profile_enable = params->profile_enable,
                                               .bump_decay_shift = params->bump_decay_shift,
                                               .active = 1};
@@ -33,12 +32,11 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* If the force law has no certificate, limits its DAC code in the next tick. Call this function
+/* If the force law has no certificate, limits its command in the next tick. Call this function
  * after motion_override(). */
 static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   if (axis->params.output_limit > drive->law_output) {
     const int16_t most = (int16_t)drive->law_output;
-    axis->params.output_limit = drive->law_output;
     axis->bounded = AXIS_BOUNDED_TICKS;
     axis->law_codes.least = (int16_t)-most;
     axis->law_codes.most = most;

@@ -39,7 +39,7 @@ void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params) 
 /* Initialises the bounds of the DAC code at the start of a force law. The bound in the direction of
  * pressing starts at code 0. The bound in the other direction starts at the present code. */
 static void begin_bound(contact_guard_t *guard, const axis_t *axis) {
-  const int16_t code = axis->signals.dac_code;
+  const int16_t code = (int16_t)fx_code_from_q16(axis->net_q16);
   const bool down = axis->params.force_setpoint < 0;
   guard->codes.most = (down && code > 0) ? code : 0;
   guard->codes.least = (!down && code < 0) ? code : 0;
@@ -64,7 +64,7 @@ static void move_bound(contact_guard_t *guard, const axis_t *axis) {
       fx_clamp(fx_diff_wrap(position, guard->bounded_cnt), -TRAVEL_MAX_CNT, TRAVEL_MAX_CNT);
   guard->bounded_cnt = position;
   const int32_t travel_q8 = fx_scale(travel_cnt, 8);
-  const int32_t code = axis->signals.dac_code;
+  const int32_t code = fx_code_from_q16(axis->net_q16);
   guard->most_q16 = fx_clamp(guard->most_q16 + change_q16(axis, guard->speed_q8 - travel_q8), 0,
                              fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
   guard->least_q16 = fx_clamp(guard->least_q16 - change_q16(axis, guard->speed_q8 + travel_q8),

@@ -11,8 +11,8 @@
  *                        amplifier; the laboratory axis exceeds the limit by a tenth. If
  *                        position_gain is 0, the axis does not move. Each direction has a separate
  *                        bound, because the workpiece may be on either side, and because a bump
- *                        bias may act against the direction of the set-point. Bumpless transfer
- *                        acts at the contact.
+ *                        bias may act against the direction of the set-point. Codes of these bounds
+ *                        are without the output bias. Bumpless transfer acts at the contact.
  *   contact_travel_max   Largest travel after the first contact, in counts in the direction of
  *                        pressing. This direction is the sign of the measured force at the first
  *                        contact since force control began. A larger travel is the fault

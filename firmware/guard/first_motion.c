@@ -37,13 +37,14 @@ void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
 
 bool first_motion_depends_on(uint16_t object) {
   return object == AXIS_OBJ_FIRST_MOTION_TEST || object == AXIS_OBJ_FORCE_SIGN ||
-         object == AXIS_OBJ_FORCE_ZERO_CODE || object == AXIS_OBJ_ADC_BITS;
+         object == AXIS_OBJ_FORCE_ZERO_CODE || object == AXIS_OBJ_ADC_BITS ||
+         object == AXIS_OBJ_OUTPUT_BIAS;
 }
 
 bool first_motion_is_bounded_by(uint16_t object) {
   return object == AXIS_OBJ_FIRST_MOTION_CODE || object == AXIS_OBJ_FIRST_MOTION_COUNTS ||
          object == AXIS_OBJ_FIRST_MOTION_SPEED || object == AXIS_OBJ_CONTACT_FORCE ||
-         object == AXIS_OBJ_FORCE_TARE;
+         object == AXIS_OBJ_FORCE_TARE || object == AXIS_OBJ_OUTPUT_BIAS;
 }
 
 static void end_coasting(first_motion_t *first) {

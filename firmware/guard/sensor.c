@@ -39,8 +39,9 @@ static uint8_t window_of(const sensor_t *sensor, const drive_params_t *params, c
                                                                      : SENSOR_WINDOW_NONE;
   }
   const int32_t code = params->force_disconnected_code;
-  return (code != 0 && !fx_within(axis->signals.dac_code, code - 1)) ? SENSOR_WINDOW_DISCONNECTED
-                                                                     : SENSOR_WINDOW_NONE;
+  const int32_t pressing = fx_code_from_q16(axis->net_q16);
+  return (code != 0 && !fx_within(pressing, code - 1)) ? SENSOR_WINDOW_DISCONNECTED
+                                                       : SENSOR_WINDOW_NONE;
 }
 
 static void open_window(sensor_t *sensor, const axis_t *axis, uint8_t window) {

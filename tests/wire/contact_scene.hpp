@@ -17,6 +17,7 @@ class ContactScene {
     double yields = 0.02;  // speed that the part takes from the axis, per count of the reading
     double spring = 0.01;  // that brings the part home
     double damping = 0.1;
+    double weight = 0.0;  // code with which the axis stands
   };
 
   void Take(const Shape &shape) { shape_ = shape; }
@@ -32,7 +33,8 @@ class ContactScene {
 
   void Step(int code, bool on) {
     const double force = Force();
-    speed_ += on ? shape_.follows * (shape_.speed_of_code * code - speed_) : -0.05 * speed_;
+    speed_ += on ? shape_.follows * (shape_.speed_of_code * (code - shape_.weight) - speed_)
+                 : -0.05 * speed_;
     speed_ -= std::min(force * shape_.yields, std::abs(speed_) + 2.0);
     place_ += speed_;
     part_speed_ += shape_.spring * (home_ - part_) - shape_.damping * part_speed_;

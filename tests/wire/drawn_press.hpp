@@ -14,13 +14,16 @@ class DrawnPress {
  public:
   explicit DrawnPress(Below below) : below_(below) {}
 
+  // Draws the bias of Law() too, which holds the weight.
   ContactScene::Shape Shape() {
+    bias_ = Pick({0, 0, 37, -60});
     return {.speed_of_code = 0.005 + 0.03 * Share(),
             .follows = 0.05 + 0.9 * Share(),
             .stiffness = 0.1 + 2.0 * Share(),
             .yields = 0.05 * Share(),
             .spring = 0.002 + 0.05 * Share(),
-            .damping = 0.3 * Share()};
+            .damping = 0.3 * Share(),
+            .weight = 1.0 * bias_};
   }
 
   struct Value {
@@ -36,6 +39,7 @@ class DrawnPress {
         {AXIS_OBJ_CONTACT_LOSS_DWELL, Pick({300, 300, 0, 20})},
         {AXIS_OBJ_CONTACT_LOSS_CAP, Pick({0, 0, 40, 300, 2048})},
         {AXIS_OBJ_OUTPUT_LIMIT, Pick({2048, 2048, 700, 90})},
+        {AXIS_OBJ_OUTPUT_BIAS, 16 * bias_},
         {AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick({3000, 3000, 15000, 60000})},
         {AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick({0, 3000, 600})},
         {AXIS_OBJ_FORCE_GAIN, Pick({256, 5 * 256, 15 * 256})},
@@ -66,6 +70,7 @@ class DrawnPress {
   double Share() { return below_(1001) / 1000.0; }
 
   Below below_;
+  int bias_ = 0;
 };
 
 #endif

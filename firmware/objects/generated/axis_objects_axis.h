@@ -33,6 +33,7 @@ enum {
   AXIS_OBJ_POSITION_MIN = 23,
   AXIS_OBJ_POSITION_MAX = 24,
   AXIS_OBJ_OUTPUT_LIMIT = 25,
+  AXIS_OBJ_OUTPUT_BIAS = 655,
   AXIS_OBJ_LATENCY_TICKS = 26,
   AXIS_OBJ_BUMP_DECAY_SHIFT = 27,
   AXIS_OBJ_FOLLOWING_ERROR_MAX = 28,
@@ -172,7 +173,7 @@ typedef struct {
   int32_t force_max; /* largest permitted magnitude of the measured force while a mode is active; 0 means off [1/256 count] */
   int32_t contact_force; /* magnitude of the measured force above which the axis is in contact [1/256 count] */
   int32_t tare_band; /* largest permitted magnitude of force_tare. With 0 there is no limit, and force_tare may be written while the axis is enabled [1/256 count] */
-  int16_t open_loop_code; /* DAC code of the output in open-loop mode; mean of the output in excitation mode [code] */
+  int16_t open_loop_code; /* DAC code of the output in open-loop mode, beside output_bias; mean of the output in excitation mode [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is distributed uniformly between the negative and the positive amplitude [code] */
   uint16_t excitation_seed; /* start value of the excitation waveform: seed of the noise, or start phase of the sine in 1/65536 turn [1] */
   uint16_t excitation_hold; /* number of ticks for which each noise value is output; a larger number reduces the bandwidth of the noise. A new number acts from the next noise value on [tick] */
@@ -181,6 +182,7 @@ typedef struct {
   uint16_t position_gain; /* gain k_p of the position law. With 0 the axis does not move in the position, velocity and homing modes, nor in the approach of force modes 4 and 10 [1/256 code/count] */
   uint16_t velocity_gain; /* velocity gain k_d of the position law: DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
+  int16_t output_bias; /* DAC code that is added to the output in every mode while the axis is enabled, such as the code that holds the weight of a vertical axis; a positive code drives towards the workpiece. Position limits and limit switches stop the axis with this code, and output_limit bounds the sum. A change makes the first motion test run again [1/16 code] */
   uint16_t drive_on_ticks_max; /* largest number of ticks from the enabling of the amplifier until the drive on the bus reports that it is on; a longer time causes the fault drive_not_ready [tick] */
   uint8_t mode; /* requested native mode (not a CiA 402 mode of operation); a fault sets this mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
@@ -208,7 +210,7 @@ typedef struct {
   uint16_t current_raw; /* ADC code of the motor current [1] */
   int16_t dac_code; /* DAC code that was output in the latest tick [code] */
   int16_t dac_fine; /* output of the latest tick with all dac_bits; dac_code is this output rounded to a whole code [1/16 code] */
-  int16_t command_code; /* DAC code that the control law computed in the latest tick, before any limit; with latency_ticks 1 this code is output one tick later [code] */
+  int16_t command_code; /* DAC code that the control law computed in the latest tick, plus output_bias, before any limit; with latency_ticks 1 this code is output one tick later [code] */
   uint8_t active_mode; /* native mode (not the CiA 402 mode of operation) that was active in the latest tick [enum] */
   uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
   uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */

@@ -558,18 +558,18 @@ typedef struct {
   uint16_t force_limit_positive; /* largest demanded force in the direction of compression; force_limit bounds this force too [per mille] */
   uint16_t force_limit_negative; /* largest magnitude of the demanded force in the direction of tension; force_limit bounds this force too [per mille] */
   uint16_t contact_loss_dwell; /* time after a contact loss for which the force law continues in modes 4 and 10; after this time the axis approaches again [ms] */
-  uint16_t contact_loss_cap; /* largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell; 2048 means no limit [code] */
+  uint16_t contact_loss_cap; /* largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell, beside output_bias; 2048 means no limit [code] */
   uint16_t excitation_code; /* amplitude of the excitation at the output of the force law [code] */
   uint16_t excitation_force; /* amplitude of the excitation at the force set-point [1/256 count] */
   uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after a start, and falls to 0 after a stop [ms] */
   uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window from which on the firmware reports a limit cycle; 0 means off [1] */
-  uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
+  uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test, beside output_bias [code] */
   uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis. If all stopped attempts together have moved the axis by more than eight times this number, the fault runaway occurs [count] */
   uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
   uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* travel of the axis in contact, within force_stuck_time, that must change the ADC code of the force. Otherwise the fault force_stuck occurs. 0 means off [count] */
   uint16_t force_stuck_time; /* time window in which the travel of the axis is compared with force_stuck_travel; the fault force_stuck occurs if the ADC code of the force does not change in this window [ms] */
-  uint16_t force_disconnected_code; /* smallest magnitude of the DAC code at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off [code] */
+  uint16_t force_disconnected_code; /* smallest magnitude of the DAC code, without output_bias, at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off [code] */
   uint16_t force_disconnected_time; /* time of standstill without contact, at a DAC code of at least force_disconnected_code, after which the fault force_disconnected occurs [ms] */
   uint16_t force_disconnected_travel; /* largest motion within force_disconnected_time that still counts as standstill [count] */
   uint16_t calibration_linearity_max; /* largest permitted linearity error of a calibration [1/100 per mille] */

@@ -166,7 +166,7 @@ typedef struct {
   uint16_t certificate_stiffness[4]; /* largest relative deviation of the workpiece stiffness from its nominal value for which the filter bank was designed [per mille] */
   uint16_t certificate_mass[4]; /* largest relative deviation of the workpiece mass from its nominal value for which the filter bank was designed [per mille] */
   uint16_t uncertified_force; /* largest demanded force while no certificate matches the force law, in per mille of force_limit; applies in every mode that controls force [per mille] */
-  uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law while no certificate matches the force law; output_limit applies too; 2048 means no limit [code] */
+  uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law while no certificate matches the force law, beside output_bias; output_limit applies too; 2048 means no limit [code] */
   uint8_t force_bank; /* number of the filter bank with which the force law computes; 0 means no filter bank: the force law uses force_gain alone. A filter bank can be selected only if its bank_state is valid. The selected filter bank cannot be written [1] */
   uint8_t bank_sections[4]; /* number of second-order filter sections through which the filter bank passes the force error [1] */
   uint8_t certificate_required; /* whether the limits uncertified_force and uncertified_output also apply if no filter bank is selected: 1 yes, 0 no. The force law then has no certificate [enum] */

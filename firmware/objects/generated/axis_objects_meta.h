@@ -34,14 +34,14 @@ typedef struct {
   const char *in_cycle;   /* free, ends, refused: a change while a cycle runs */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "f4fe90b25d1cb622cad537f82de46724af7f48553305b862b7f35dfd9ad49d53"
-#define AXIS_OBJECTS_META_COUNT 654
+#define AXIS_OBJECTS_HASH "19d887f2689a7ad4164fdb6d4e4b851e295e11aaf37335df50b1382ee475189d"
+#define AXIS_OBJECTS_META_COUNT 655
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
     {1, 1, "mode", "parameter", "axis", "requested native mode (not a CiA 402 mode of operation); a fault sets this mode to disabled", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "rw", "any", "disabled,open_loop,position,force,excitation", 0x2001, 0, 256, 0, "Mode", 0, 2, "", "free"},
-    {2, 2, "open_loop_code", "parameter", "axis", "DAC code of the output in open-loop mode; mean of the output in excitation mode", "i16", "code",
+    {2, 2, "open_loop_code", "parameter", "axis", "DAC code of the output in open-loop mode, beside output_bias; mean of the output in excitation mode", "i16", "code",
      1.0, INT64_C(-2048), INT64_C(2047), INT64_C(0), "rw", "any", "", 0x2002, 0, 257, 0, "Open loop code", 0, 1, "", "free"},
     {3, 1, "excitation_waveform", "parameter", "axis", "waveform that is added to open_loop_code in excitation mode", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "noise,sine", 0x2003, 0, 258, 0, "Excitation waveform", 0, 1, "", "free"},
@@ -131,7 +131,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x2029, 0, 9, 0, "DAC code", 0, 1, "", "refused"},
     {46, 2, "dac_fine", "signal", "axis", "output of the latest tick with all dac_bits; dac_code is this output rounded to a whole code", "i16", "code",
      0.0625, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x2040, 0, 14, 0, "DAC code, fine", 0, 1, "", "refused"},
-    {47, 2, "command_code", "signal", "axis", "DAC code that the control law computed in the latest tick, before any limit; with latency_ticks 1 this code is output one tick later", "i16", "code",
+    {47, 2, "command_code", "signal", "axis", "DAC code that the control law computed in the latest tick, plus output_bias, before any limit; with latency_ticks 1 this code is output one tick later", "i16", "code",
      1.0, INT64_C(-32768), INT64_C(32767), INT64_C(0), "ro", "any", "", 0x202A, 0, 266, 0, "Command code", 0, 1, "", "refused"},
     {48, 4, "profile_position", "signal", "axis", "set-point of the position law in position mode; in other modes, the position of the axis", "i32", "count",
      1.0, INT64_C(-2147483648), INT64_C(2147483647), INT64_C(0), "ro", "any", "", 0x202B, 0, 267, 0, "Profile position", 0, 1, "encoder", "refused"},
@@ -367,7 +367,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "no,yes", 0x2408, 0, 809, 1, "Certificate required", 0, 0, "", "ends"},
     {164, 2, "uncertified_force", "parameter", "law", "largest demanded force while no certificate matches the force law, in per mille of force_limit; applies in every mode that controls force", "u16", "per mille",
      1.0, INT64_C(0), INT64_C(1000), INT64_C(500), "rw", "any", "", 0x2409, 1, 810, 1, "Force without a certificate", 0, 0, "", "ends"},
-    {165, 2, "uncertified_output", "parameter", "law", "largest magnitude of the DAC code of the force law while no certificate matches the force law; output_limit applies too; 2048 means no limit", "u16", "code",
+    {165, 2, "uncertified_output", "parameter", "law", "largest magnitude of the DAC code of the force law while no certificate matches the force law, beside output_bias; output_limit applies too; 2048 means no limit", "u16", "code",
      1.0, INT64_C(0), INT64_C(2048), INT64_C(512), "rw", "any", "", 0x2409, 2, 811, 1, "Output without a certificate", 0, 0, "", "ends"},
     {166, 1, "certificate_state_1", "signal", "law", "result of the comparison of the certificate with this axis: the certificate fits, or the first difference in filter bank, ADC resolution, force scale or force law", "u8", "1",
      1.0, INT64_C(0), INT64_C(6), INT64_C(0), "ro", "any", "none,fits,other_bank,other_adc,other_scale,other_law,wrong_hash", 0x240A, 1, 789, 0, "State of a certificate 1", 0, 1, "", "refused"},
@@ -595,7 +595,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "ro", "any", "", 0x2211, 0, 331, 0, "Contact losses", 0, 1, "", "refused"},
     {278, 2, "contact_loss_dwell", "parameter", "drive", "time after a contact loss for which the force law continues in modes 4 and 10; after this time the axis approaches again", "u16", "ms",
      1.0, INT64_C(0), INT64_C(10000), INT64_C(300), "rw", "any", "", 0x2206, 0, 784, 1, "Contact loss dwell", 0, 0, "", "refused"},
-    {279, 2, "contact_loss_cap", "parameter", "drive", "largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell; 2048 means no limit", "u16", "code",
+    {279, 2, "contact_loss_cap", "parameter", "drive", "largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell, beside output_bias; 2048 means no limit", "u16", "code",
      1.0, INT64_C(0), INT64_C(2048), INT64_C(0), "rw", "any", "", 0x2207, 0, 785, 1, "Contact loss cap", 0, 0, "", "ends"},
     {280, 1, "excitation_run", "command", "drive", "1 starts the waveform that the objects 2003h to 2009h define, if the axis is in contact in mode 4, 10 or -1; 0 reduces the amplitude of the waveform to 0 within excitation_ramp. If the command is refused, excitation_state shows the reason", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "any", "stop,start", 0x2030, 0, 880, 0, "Excitation run", 0, 0, "", "free"},
@@ -679,7 +679,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(3), INT64_C(0), "ro", "any", "off,valid,wrong_order,wrong_sum", 0x220A, 2, 788, 0, "State of the motion shaper", 0, 1, "", "refused"},
     {320, 1, "first_motion_test", "parameter", "drive", "on: the first enabling after power-up begins with the first motion test, which checks sensors, amplifier and signs by a small motion. If no parameter set is stored, the value after power-up is on", "u8", "1",
      1.0, INT64_C(0), INT64_C(1), INT64_C(0), "rw", "disabled", "off,on", 0x231A, 0, 592, 1, "First motion test", 0, 0, "", "refused"},
-    {321, 2, "first_motion_code", "parameter", "drive", "largest magnitude of the DAC code in the first motion test", "u16", "code",
+    {321, 2, "first_motion_code", "parameter", "drive", "largest magnitude of the DAC code in the first motion test, beside output_bias", "u16", "code",
      1.0, INT64_C(1), INT64_C(2047), INT64_C(100), "rw", "any", "", 0x231B, 1, 593, 1, "Largest code of the first motion", 0, 0, "", "free"},
     {322, 2, "first_motion_counts", "parameter", "drive", "number of encoder counts by which the first motion test must move the axis. If all stopped attempts together have moved the axis by more than eight times this number, the fault runaway occurs", "u16", "count",
      1.0, INT64_C(2), INT64_C(4096), INT64_C(16), "rw", "any", "", 0x231B, 2, 594, 1, "Counts of the first motion", 0, 0, "encoder", "free"},
@@ -701,7 +701,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(65535), INT64_C(0), "rw", "any", "", 0x2230, 3, 851, 1, "Force stuck travel", 0, 0, "encoder", "ends"},
     {331, 2, "force_stuck_time", "parameter", "drive", "time window in which the travel of the axis is compared with force_stuck_travel; the fault force_stuck occurs if the ADC code of the force does not change in this window", "u16", "ms",
      1.0, INT64_C(1), INT64_C(10000), INT64_C(100), "rw", "any", "", 0x2230, 4, 852, 1, "Force stuck time", 0, 0, "", "ends"},
-    {332, 2, "force_disconnected_code", "parameter", "drive", "smallest magnitude of the DAC code at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off", "u16", "code",
+    {332, 2, "force_disconnected_code", "parameter", "drive", "smallest magnitude of the DAC code, without output_bias, at which the axis must move or be in contact. Standstill without contact at this code or more causes the fault force_disconnected. 0 means off", "u16", "code",
      1.0, INT64_C(0), INT64_C(2047), INT64_C(0), "rw", "any", "", 0x2230, 5, 853, 1, "Force disconnected code", 0, 0, "", "ends"},
     {333, 2, "force_disconnected_time", "parameter", "drive", "time of standstill without contact, at a DAC code of at least force_disconnected_code, after which the fault force_disconnected occurs", "u16", "ms",
      1.0, INT64_C(1), INT64_C(10000), INT64_C(100), "rw", "any", "", 0x2230, 6, 854, 1, "Force disconnected time", 0, 0, "", "ends"},
@@ -1347,6 +1347,8 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(2), INT64_C(0), "ro", "any", "no_slots,confirmed,trial", 0x244F, 2, 953, 0, "Program state", 0, 0, "", "refused"},
     {654, 1, "program_slot", "signal", "device", "slot of the flash memory that has the running firmware image", "u8", "1",
      1.0, INT64_C(0), INT64_C(2), INT64_C(0), "ro", "any", "none,a,b", 0x244F, 3, 954, 0, "Program slot", 0, 0, "", "refused"},
+    {655, 2, "output_bias", "parameter", "axis", "DAC code that is added to the output in every mode while the axis is enabled, such as the code that holds the weight of a vertical axis; a positive code drives towards the workpiece. Position limits and limit switches stop the axis with this code, and output_limit bounds the sum. A change makes the first motion test run again", "i16", "code",
+     0.0625, INT64_C(-16384), INT64_C(16384), INT64_C(0), "rw", "disabled", "", 0x203E, 0, 892, 1, "Output bias", 0, 0, "", "refused"},
 };
 
 /* Bits of the values. */

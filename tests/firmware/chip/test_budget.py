@@ -26,13 +26,13 @@ from tick_profile import (
     Profile,
 )
 
-AXIS = 300  # axis_tick() and what it calls, with the laws of the thesis
+AXIS = 320  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 550  # the same with a bank of the force law and bounds of the drive
 # What follows it in most ticks, with the arming of the black box; resets and the store are apart.
 BETWEEN = 3800
 # The same in a cycle with sixteen elements that are all crossed at once, of two ticks: less than
 # half of them.
-EVALUATION = 40_000
+EVALUATION = 43_000
 COVERAGE = 0.95
 SAME_TICKS = 15_000
 

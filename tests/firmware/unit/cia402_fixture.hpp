@@ -50,7 +50,7 @@ class DriveFixture : public FirmwareFixture {
         ASSERT_EQ(outputs_.brake_release, 0) << "state " << state;
       }
       if (outputs_.amp_enable != 0 && !stuck_) {
-        place_ += counts_per_code_ * outputs_.dac_code;
+        place_ += counts_per_code_ * (outputs_.dac_fine / 16.0 - weight_);
       }
     }
   }
@@ -86,6 +86,7 @@ class DriveFixture : public FirmwareFixture {
 
   double place_ = 0.0;
   double counts_per_code_ = 0.02;
+  double weight_ = 0.0;  // code with which the axis stands: its weight, or an offset
   double wall_ = 1e12;
   double stiffness_ = 0.5;
   double offset_ = 0.0;  // reading without a force

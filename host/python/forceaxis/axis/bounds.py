@@ -318,9 +318,13 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
         if beside and not is_summed:
             is_summed = planned.read("modes_of_operation") == "excitation"
         added = abs(planned.number(beside)) if is_summed else 0
+        bias = planned.number("output_bias")
         by = _object("output_limit") if limit <= DAC_CODE_MAX else "the range of the DAC"
         by += f", beside {beside} {added:g}" if added else ""
-        yield Bound(added - most, most - added, by, "ask for less, or raise output_limit")
+        by += f", beside output_bias {bias:g}" if bias else ""
+        yield Bound(
+            added - most - bias, most - added - bias, by, "ask for less, or raise output_limit"
+        )
 
     return bounds
 

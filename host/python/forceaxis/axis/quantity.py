@@ -34,7 +34,7 @@ PER_MILLE_OF_RATED_FORCE = {
 DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "dac_fine",
-    "command_code",
+    "command_code", "output_bias",
 }  # fmt: skip
 # {unit of an object: (SI unit, number of these units in one SI unit)}
 FIXED_UNITS = {
