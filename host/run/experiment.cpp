@@ -144,7 +144,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
                                               : "peak_force_max_percent",
                  "expected a model with a contact, got a model without contact; remove this key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.position_ripple_max_count && !criterion.limits_force() && !criterion.limits_run())
+      !criterion.limits_position() && !criterion.limits_force() && !criterion.limits_run())
     section.fail("contact_held",
                  "expected at least one limit, got none; add contact_held = true, "
                  "force_ripple_max_count or position_ripple_max_count");

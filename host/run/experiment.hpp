@@ -94,6 +94,7 @@ struct Criterion {
   double window_s = 1.0;
   std::optional<double> force_ripple_max_count;
   std::optional<double> position_ripple_max_count;
+  std::optional<double> position_error_max_count;
   // true: contacts must stay closed throughout the window. `contacts` has the names of these
   // contacts, from contact_held = "tip" or ["tip", "grip"]. With `contact_held = true`, `contacts`
   // is empty and every contact of the model must stay closed.
@@ -140,6 +141,11 @@ struct Criterion {
         field(&Criterion::position_ripple_max_count,
               ranged("position_ripple_max_count", D::count, 0.0, 1e12, "not checked",
                      "Largest peak-to-peak ripple of the encoder, in counts.")),
+        field(
+            &Criterion::position_error_max_count,
+            ranged("position_error_max_count", D::count, 0.0, 1e12, "not checked",
+                   "Largest distance from the last position set-point to the mean position in the "
+                   "window, in counts of the encoder.")),
         field(&Criterion::held_force_error_max_N,
               ranged("held_force_error_max_N", D::force, 0.0, 1e9, "not checked",
                      "Largest difference between the mean force in the window and the set-point.")),
@@ -184,6 +190,7 @@ struct Criterion {
     return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||
            settle_max_s || peak_force_max_percent;
   }
+  bool limits_position() const { return position_ripple_max_count || position_error_max_count; }
   bool limits_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 

@@ -174,6 +174,20 @@ void PlantSide::check_setpoint() {
   metrics_.reading_end_N = setpoint_N > high ? high : low;
 }
 
+// Returns the last position set-point of an experiment in encoder counts.
+std::optional<std::int32_t> position_target(const Experiment &experiment) {
+  std::optional<std::int32_t> found;
+  const auto look = [&found](const std::vector<ObjectWrite> &writes) {
+    for (const ObjectWrite &w : writes) {
+      if (w.object == AXIS_OBJ_POSITION_SETPOINT || w.object == AXIS_OBJ_TARGET_POSITION)
+        found = w.raw;
+    }
+  };
+  look(experiment.initial);
+  for (const Action &action : experiment.actions) look(action.writes);
+  return found;
+}
+
 RunResult PlantSide::finish() {
   const auto &adc = plant_.model().adc[0];
   const int adc_bits = adc ? adc->bits : 8;
@@ -182,6 +196,10 @@ RunResult PlantSide::finish() {
   metrics_.window_start_s = static_cast<double>(window_start_) / sim::kTickRateHz;
   metrics_.force_ripple = {force_.width() / counts_per_code, force_late_.width() / counts_per_code};
   metrics_.position_ripple = {position_.width(), position_late_.width()};
+  const auto target = position_target(*experiment_);
+  if (target && metrics_.window_ticks > 0)
+    metrics_.position_error_count =
+        position_sum_ / static_cast<double>(metrics_.window_ticks) - *target;
   metrics_.contacts = static_cast<std::int64_t>(held_.size());
   metrics_.contact_losses_run = contact_losses();
   metrics_.contact_losses = metrics_.contact_losses_run - losses_before_window_;

@@ -71,6 +71,7 @@ class PlantSide {
     if (tick_ >= window_start_) {
       force_.add(record.adc0_code);
       position_.add(record.encoder_cnt);
+      position_sum_ += record.encoder_cnt;
       metrics_.saturated_ticks += saturated;
       look_at_reading(record.adc0_code);
       if (tick_ >= second_half_) {
@@ -174,6 +175,7 @@ class PlantSide {
   std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
+  double position_sum_ = 0.0;  // of the encoder counts in the window
   Metrics metrics_;
   TraceHash hash_;
 };

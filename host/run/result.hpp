@@ -59,6 +59,7 @@ struct Metrics {
   double window_start_s = 0;
   Ripple force_ripple;
   Ripple position_ripple;
+  std::optional<double> position_error_count;
   std::int64_t contacts = 0;
   std::int64_t contact_losses = 0;
   std::int64_t contact_losses_run = 0;
@@ -88,6 +89,9 @@ struct Metrics {
              "position ripple in the window of the verdict, in encoder counts"),
         item("position_ripple_late_count", Within{&M::position_ripple, &Ripple::late_count},
              "position ripple in the second half of the window, in encoder counts"),
+        item("position_error_count", &M::position_error_count,
+             "mean position in the window minus the last position set-point, in encoder counts; "
+             "None if the experiment has no position set-point"),
         item("contacts", &M::contacts,
              "number of contacts that the criterion names, or of all contacts of the model"),
         item("contact_losses", &M::contact_losses, "number of contact losses in the window"),

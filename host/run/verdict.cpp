@@ -79,6 +79,14 @@ void check_force(const Criterion &c, const HeldForce &held, double peak_N, Findi
                 c.peak_force_max_percent, "%");
 }
 
+void check_arrival(const Criterion &c, const Metrics &m, Findings &found) {
+  if (m.position_error_count)
+    found.at_most("position_error_max_count", std::fabs(*m.position_error_count),
+                  c.position_error_max_count, "count");
+  else if (c.position_error_max_count)
+    found.add("position_setpoint", kNotMet, 0.0, *c.position_error_max_count, "count");
+}
+
 }  // namespace
 
 Evaluation evaluate(const Criterion &c, const Metrics &m, bool faulted) {
@@ -89,6 +97,7 @@ Evaluation evaluate(const Criterion &c, const Metrics &m, bool faulted) {
                found);
   check_ripple("position_ripple_max_count", m.position_ripple, c.position_ripple_max_count,
                approaching, found);
+  check_arrival(c, m, found);
   if (m.held_force)
     check_force(c, *m.held_force, m.peak_force_N, found);
   else if (c.limits_force())

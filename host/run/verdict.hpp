@@ -36,6 +36,7 @@ inline constexpr double kDyingPart = 0.6;
 //                     start of the time window
 //   contact_losses    a contact opened in the time window
 //   setpoint          the experiment has no force set-point
+//   position_setpoint the experiment has no position set-point
 //   setpoint_range    value: set-point in N, bound: end of the measuring range
 //   reading_range     ticks of the time window with the force reading at an end of its range
 //   output_range      ticks of the time window with the output at an end of its range

@@ -69,6 +69,22 @@ TEST(Verdict, ARippleThatStaysIsUnstableAndOneThatDiesIsNotMet) {
   EXPECT_EQ(text(c, m), "unstable position_ripple_max_count 3>2 count");
 }
 
+// Beside its target an axis may stand still, which is not unstable.
+TEST(Verdict, AMoveArrivesAtItsSetpoint) {
+  Criterion c;
+  c.position_error_max_count = 10;
+  Metrics m = calm();
+  EXPECT_EQ(text(c, m), "not_met position_setpoint 0>10 count");
+  for (const double error : {-10.0, 0.0, 10.0}) {
+    m.position_error_count = error;
+    EXPECT_EQ(text(c, m), "stable") << error;
+  }
+  for (const double error : {-480.0, 480.0}) {
+    m.position_error_count = error;
+    EXPECT_EQ(text(c, m), "not_met position_error_max_count 480>10 count");
+  }
+}
+
 TEST(Verdict, ContactLostInTheWindowIsUnstable) {
   Metrics m = calm();
   m.contact_losses = 2;

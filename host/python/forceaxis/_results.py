@@ -36,6 +36,9 @@ class Metrics:
     position_ripple_count: float  # position ripple in the window of the verdict, in encoder counts
     # position ripple in the second half of the window, in encoder counts
     position_ripple_late_count: float
+    # mean position in the window minus the last position set-point, in encoder counts; None if the
+    # experiment has no position set-point
+    position_error_count: float | None
     contacts: int  # number of contacts that the criterion names, or of all contacts of the model
     contact_losses: int  # number of contact losses in the window
     contact_losses_run: int  # number of contact losses in the whole run
@@ -71,6 +74,9 @@ class Criterion:
     force_ripple_max_count: float | None
     # Largest peak-to-peak ripple of the encoder, in counts.
     position_ripple_max_count: float | None
+    # Largest distance from the last position set-point to the mean position in the window, in
+    # counts of the encoder.
+    position_error_max_count: float | None
     # Largest difference between the mean force in the window and the set-point.
     held_force_error_max_N: float | None
     # Largest difference between the mean force in the window and the set-point, in percent of the

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 import verbs
-from forceaxis.axis import parameter_set
+from forceaxis import linear
+from forceaxis.axis import actions, parameter_set
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NoAnswer
+from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
+from forceaxis.commission import known
 from forceaxis.commission.check import MotionCheck
+from forceaxis.design import data_sheet, new
 
 ROOT = Path(__file__).resolve().parents[3]
 GAINS = {"position_gain": 4.0, "velocity_gain": 20.0}
@@ -318,3 +321,119 @@ def test_an_experiment_that_commands_its_axis_leaves_it_to_the_owner():
     axis = Axis(SimLink("sim/experiments/hold_biquad.toml"))
     axis.link.wait(0.1)  # nobody owns it
     assert axis.read("drive_state") == "operation_enabled"
+
+
+# Vertical axes from data sheets. The head is a voice coil without friction, whose tool points down;
+# the lift is a ball screw behind an analogue amplifier, which presses up. Far from the workpiece.
+SHEETS = {
+    "head": dict(
+        drive="torque", motor="linear", force_constant_n_per_a=22, motor_peak_current_a=6,
+        moving_mass_kg=1.6, guide_damping_n_s_per_m=6, inclination_deg=-90, brake_holding_n=40,
+        current_loop_hz=800, sensor_full_scale_n=150, sensor_stiffness_n_per_m=5e5,
+        sensor_noise_n=0.05, encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4,
+        workpiece_mass_kg=0.2, approach_mm=60,
+    ),
+    "lift": dict(inclination_deg=90, moving_mass_kg=20, brake_holding_n=400, approach_mm=60),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def machines(tmp_path_factory):
+    """{name: folder of the axis that `forceaxis new` has written}."""
+    folder = tmp_path_factory.mktemp("machines")
+    for name, sheet in SHEETS.items():
+        given = {key: str(value) for key, value in sheet.items()}
+        new.write(folder / name, *data_sheet.collect(given))
+    return folder
+
+
+def hanging(folder, name, share=1.0, **firmware):
+    """(axis, its weight by the model) of a machine that weighs `share` of its model, as delivered:
+    with output_bias 0."""
+    model = folder / name / "model.toml"
+    sheet = known.weight(model)
+    mass_factor = linear.facts(str(model)).parameters["g_axis"][0]
+    overrides = [f"g_axis={share * mass_factor!r}", "firmware.output_bias=0"]
+    overrides += [f"firmware.{key}={value}" for key, value in firmware.items()]
+    axis = Axis(SimLink(folder / name / "step.toml", overrides))
+    axis.acquire()
+    axis.link.wait(0.1)
+    return axis, sheet
+
+
+@pytest.mark.parametrize("name", SHEETS)
+@pytest.mark.parametrize("share", [1.0, 0.8, 1.2, -0.6])
+def test_the_weight_is_learned(machines, name, share):
+    """Of a counterbalance that is heavier than the axis, too, if its model says so."""
+    axis, sheet = hanging(machines, name, share)
+    if share < 0:
+        sheet = known.Weight(share * sheet.newton, sheet.newton_per_code)
+    run = MotionCheck(axis, weight=sheet)
+    run.run(lambda text: "holds its weight" in text)
+    assert run.passed, run.steps
+    codes = abs(share) * sheet.codes if share > 0 else sheet.codes
+    assert axis.read("output_bias") == pytest.approx(codes, abs=2)
+    (step,) = [step for step in run.steps if step.step == "weight"]
+    wrong = share in (0.8, 1.2)
+    assert step.verdict == ("noted" if wrong else "passed"), step
+    said = [float(text) for text in re.findall(r"(\S+) N\b", step.text)]
+    true_N = share * sheet.newton if share > 0 else sheet.newton
+    assert said[0] == pytest.approx(true_N, rel=0.03)
+    if wrong:  # both figures
+        assert said[1] == pytest.approx(sheet.newton, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_weight_of_the_wrong_sign_is_refused(machines, name):
+    axis, sheet = hanging(machines, name)
+    run = MotionCheck(axis, weight=known.Weight(-sheet.newton, sheet.newton_per_code))
+    run.run(lambda text: True)
+    (failed,) = [step for step in run.steps if step.verdict == "failed"]
+    assert failed.step == "first motion" and "sign of output_bias" in failed.text
+    assert axis.read("output_bias") == 0 and axis.read("first_motion_test") == "off"
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_without_its_weight_an_axis_is_asked_for_it(machines, name):
+    axis, _ = hanging(machines, name)
+    run = MotionCheck(axis)
+    run.run(lambda text: True)
+    (failed,) = [step for step in run.steps if step.verdict == "failed"]
+    assert failed.value == "amplifier_offset" and "output_bias" in failed.text
+    assert axis.read("output_bias") == 0
+
+
+def test_the_offset_of_an_amplifier_is_no_weight(experiment):
+    """A level axis: the offset is named, and stays for the amplifier."""
+    model = ROOT / "sim/models/laboratory.toml"
+    run, axis, _ = checked(experiment(), weight=known.weight(model))
+    (step,) = [step for step in run.steps if step.step == "weight"]
+    assert step.verdict == "passed" and axis.read("output_bias") == 0
+
+
+@pytest.mark.parametrize("name", SHEETS)
+@pytest.mark.parametrize("share", [1.0, 0.8, 1.2])
+def test_with_its_bias_a_vertical_axis_does_what_a_level_one_does(machines, name, share):
+    """Moves, presses and retracts; disabled, the brake holds it."""
+    axis, sheet = hanging(machines, name, share)
+    MotionCheck(axis, weight=sheet).run(lambda text: True)
+    axis.link.wait(1.0)
+    here = axis.integer("position")
+    done = actions.move(axis, here + (-4000 if sheet.newton > 0 else 4000))
+    assert done.state == "operation enabled"
+    window = axis.read("position_window")
+    assert abs(done.position - here) - 4000 == pytest.approx(0, abs=window)
+    axis.link.wait(1.0)
+    rests = axis.integer("position")
+    axis.link.wait(2.0)
+    assert axis.integer("position") == rests, "the brake holds"
+
+
+def test_a_move_that_ends_beside_its_target_says_by_how_much(machines):
+    """The position law holds the weight by an error, and the axis stands still."""
+    axis, sheet = hanging(machines, "head")
+    error = -sheet.codes / axis.number("position_gain")
+    with pytest.raises(Refused, match="beside it") as refused:
+        actions.move(axis, axis.integer("position") - 4000)
+    said = re.search(r"stands (\S+) beside it", str(refused.value))
+    assert float(said[1]) == pytest.approx(error, rel=0.02)

@@ -55,6 +55,16 @@ SHEETS = {
 }
 
 
+# A polishing head on a voice coil, whose tool points down.
+HEAD = dict(
+    drive="torque", motor="linear", force_constant_n_per_a=22, motor_peak_current_a=6,
+    moving_mass_kg=1.6, guide_damping_n_s_per_m=6, inclination_deg=-90, brake_holding_n=40,
+    current_loop_hz=800, sensor_full_scale_n=150, sensor_stiffness_n_per_m=5e5, sensor_bits=16,
+    sensor_noise_n=0.05, encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4,
+    workpiece_mass_kg=0.2, approach_mm=3,
+)  # fmt: skip
+
+
 def forceaxis(folder, *arguments):
     return verbs.forceaxis(*arguments, cwd=folder)
 
@@ -169,17 +179,66 @@ def test_a_friction_that_no_setpoint_overcomes_is_said(tmp_path):
 
 @pytest.mark.parametrize("deg", [-90, 20, 90])
 @pytest.mark.parametrize("stiffness", ["rigid", 1e7])
-def test_the_held_share_of_a_vertical_axis_has_the_weight_in_it(tmp_path, deg, stiffness):
-    said = written(
-        tmp_path, inclination_deg=deg, moving_mass_kg=4, transmission_stiffness_n_per_m=stiffness
-    )
+def test_output_bias_holds_the_weight_of_a_vertical_axis(tmp_path, deg, stiffness):
+    """The axis holds the same share of its set-point as a horizontal one."""
+    given = dict(moving_mass_kg=4, transmission_stiffness_n_per_m=stiffness)
+    (tmp_path / "level").mkdir()
+    level = written(tmp_path / "level", **given)
+    said = written(tmp_path, inclination_deg=deg, **given)
     held = ran(tmp_path, "contact.toml")["metrics"]["final_force_N"]
     count_N = 500 / 2048  # of the reading
     assert held == pytest.approx(said.held_share * said.setpoint_N, abs=count_N)
+    assert said.held_share == pytest.approx(level.held_share, abs=0.002)
+    firmware = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["firmware"]
+    bias = firmware["output_bias"]
+    assert bias == round(bias) and bias * deg > 0  # upward is toward the workpiece, or away from it
+    step = tomllib.loads((tmp_path / "mine/step.toml").read_text())["firmware"]
+    assert step["output_bias"] == bias
     (line,) = [text for key, text in new_text.describe(said) if key == "set-point"]
-    assert line.endswith(f"holds {100 * said.held_share:.3g} %, the weight's part included")
+    weight_N = -9.81 * 4 * np.sin(np.radians(deg))
+    assert line.endswith(f"output_bias of {bias:g} codes holds the weight of {weight_N:.3g} N")
     share = re.search(r"it holds (\S+) % of", (tmp_path / "mine/contact.toml").read_text())
     assert float(share[1]) == pytest.approx(100 * said.held_share, rel=1e-5)
+
+
+def test_the_weight_of_a_code_is_the_drives_force(tmp_path):
+    """A voice coil, 22 N/A and 6 A at 2048 codes, that hangs: 1.6 kg of 9.81 m/s^2."""
+    written(tmp_path, **HEAD)
+    text = (tmp_path / "mine/contact.toml").read_text()
+    bias = tomllib.loads(text)["firmware"]["output_bias"]
+    assert bias == round(-1.6 * 9.81 / (22 * 6 / 2048)) == -244
+    (tmp_path / "fine").mkdir()
+    written(tmp_path / "fine", **HEAD, output_bits=16)
+    text = (tmp_path / "fine/mine/contact.toml").read_text()
+    assert tomllib.loads(text)["firmware"]["output_bias"] == -243.5
+
+
+def test_a_move_that_ends_beside_its_target_is_not_stable(tmp_path):
+    """Without its bias the head stands where the position law holds its weight of 244 codes."""
+    written(tmp_path, **HEAD)
+    assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+    gain = tomllib.loads((tmp_path / "mine/step.toml").read_text())["firmware"]["position_gain"]
+    done = ran(tmp_path, "step.toml", "firmware.output_bias=0")
+    assert done["verdict"] == "not_met"
+    (why,) = done["because"]
+    counts = 243.56 / gain
+    assert done["metrics"]["position_error_count"] == pytest.approx(counts, abs=3)
+    assert why.startswith(f"position error {counts / 2000:.1g}") and "of 10 counts" in why
+
+
+@pytest.mark.parametrize("drive", ["velocity", "stepper"])
+def test_a_drive_that_holds_the_weight_by_itself_has_no_bias(tmp_path, drive):
+    said = written(tmp_path, drive=drive, inclination_deg=-90)
+    assert said.held_share == 1 and "output_bias" not in said.held_with
+    assert "output_bias" not in (tmp_path / "mine/contact.toml").read_text()
+    assert "output_bias" not in (tmp_path / "mine/step.toml").read_text()
+
+
+def test_a_weight_beyond_half_of_the_range_is_said(tmp_path):
+    said = written(tmp_path, **HEAD | {"moving_mass_kg": 8})
+    (text,) = said.doubts
+    assert "the weight of 78.48 N needs -1218 DAC codes" in text
+    assert "output_bias = -1024" in text
 
 
 @pytest.mark.parametrize("sheet", ["small stage", "gantry", "belt axis"])

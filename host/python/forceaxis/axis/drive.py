@@ -27,6 +27,7 @@ TARGET_REACHED = mask("statusword", "reached")
 ACKNOWLEDGED = mask("statusword", "acknowledged")
 # End of an error text about an axis with a fault.
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
+STANDS_S = 2.0  # time in s at standstill after which an axis beside its target has not arrived
 # Longest time in s from the write of the controlword until the axis is disabled.
 # The time includes the deceleration of the axis to standstill.
 DISABLE_TIMEOUT_S = 2.0
@@ -98,10 +99,12 @@ class ModeObjects(StatusObjects):
 
 @dataclass(frozen=True)
 class ReachedPosition(StatusObjects):
-    """The statusword of the axis, and the position in encoder counts at the end of a move.
-    `contact`: 1 if the axis was in contact then."""
+    """The statusword of the axis, the position in encoder counts at the end of a move, and the
+    position in user units to which the axis was commanded. `contact`: 1 if the axis was in contact
+    at the end of the move."""
 
     position: int
+    position_demand: int
     contact: int
 
 
@@ -222,18 +225,38 @@ class Drive(AxisValues):
         axis comes into contact; the axis then still moves. Raises InputError for a position beyond
         a limit, Refused if a limit has changed during the motion, and NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
-        target = self.read("target_position")
+        target = self.number("target_position")
         self.wait_for(
             StatusObjects, lambda s: s.statusword & ACKNOWLEDGED, "the set-point acknowledged"
         )
         self.set(controlword=ENABLE)
+        unit = quantity.user_per_count(self) or 1.0
+        stood_s = 0.0
+        before: int | None = None
+
+        def ends(now: ReachedPosition) -> bool:
+            """True if the axis has arrived, or stands for STANDS_S at the end of its motion."""
+            nonlocal stood_s, before
+            stands = before is not None and abs(now.position - before) <= 1
+            at_end = abs(now.position_demand - target) <= max(1.0, unit)
+            stood_s = stood_s + POLL_PERIOD_S if stands and at_end else 0.0
+            before = now.position
+            touches = until_contact and bool(now.contact)
+            return bool(now.statusword & TARGET_REACHED) or touches or stood_s >= stands_s
+
+        stands_s = STANDS_S + 1e-3 * self.number("position_window_time")
         reached = self.wait_for(
-            ReachedPosition,
-            lambda s: s.statusword & TARGET_REACHED or (until_contact and s.contact),
-            f"position {position} to be reached",
-            timeout_s,
+            ReachedPosition, ends, f"position {position} to be reached", timeout_s
         )
         self.expect_unlimited({"target_position": target}, "while it moved")
+        if not (reached.statusword & TARGET_REACHED or (until_contact and reached.contact)):
+            beside = self.number("position_actual") - target
+            raise Refused(
+                f"{self.link.where}: expected the axis within position_window "
+                f"({self.number('position_window'):g}) of its target {target:g}, but it stands "
+                f"{beside:g} beside it: a position_gain that is too small for the friction, an "
+                "obstacle, or a weight that output_bias does not hold (axis check)"
+            )
         return reached
 
     def expect_unlimited(self, targets: Mapping[str, Value], when: str) -> None:

@@ -6,8 +6,9 @@ import sys
 
 import click
 
+from forceaxis import paths
 from forceaxis.cli.axis import axis
-from forceaxis.cli.common import as_json, fitted, print_json
+from forceaxis.cli.common import Subject, as_json, fitted, print_json
 from forceaxis.cli.live_options import AxisConnection, live, owned
 
 
@@ -24,9 +25,16 @@ from forceaxis.cli.live_options import AxisConnection, live, owned
     "--output", type=click.IntRange(1, 2047), default=250, show_default=True,
     help="Largest DAC code of the move out and back.",
 )  # fmt: skip
+@click.option(
+    "--model", type=Subject(paths.MODELS),
+    help="Model of the axis, whose weight output_bias holds from the first motion on.",
+)  # fmt: skip
 @live
 @as_json
-def check(connection: AxisConnection, yes: bool, travel: int, output: int, as_json: bool) -> None:
+def check(
+    connection: AxisConnection, yes: bool, travel: int, output: int, model: str | None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
     drive at low output, then one small move out and back.
 
@@ -36,10 +44,14 @@ def check(connection: AxisConnection, yes: bool, travel: int, output: int, as_js
     and back within bounds, and the tare is taken. If a step fails, the axis does not move again. At
     the end the axis is disabled and all parameters but force_tare have their earlier values.
 
+    An axis with a weight, by its model or by an output_bias other than 0, also gets the output_bias
+    that was measured at standstill. --output counts from it.
+
     The exit status is 1 if a step fails. Without --yes and without a terminal the axis stays still.
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |
     "failed", "text", "value", "limit"}]}.
     """
+    from forceaxis.commission import known
     from forceaxis.commission.check import CheckStep, MotionCheck
 
     def show(step: CheckStep) -> None:
@@ -51,8 +63,9 @@ def check(connection: AxisConnection, yes: bool, travel: int, output: int, as_js
             return yes
         return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)
 
+    weight = known.weight(model) if model else None
     with owned(connection) as found:
-        run = MotionCheck(found, travel, output, show)
+        run = MotionCheck(found, travel, output, show, weight)
         run.run(consent)
     if as_json:
         print_json(run.result())

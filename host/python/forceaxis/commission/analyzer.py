@@ -133,6 +133,13 @@ class AnalyzedObjects:
     position_max: int
     position_window: int
     output_limit: int
+    output_bias: float
+
+    @property
+    def codes_most(self) -> int:
+        """Returns the largest amplitude in DAC codes that the output has on both sides of
+        output_bias."""
+        return max(1, math.floor(self.output_limit - abs(self.output_bias)))
 
 
 @dataclass(frozen=True)
@@ -517,7 +524,7 @@ class Analyzer:
         range of force or position.
         """
         output, swing = excitation.output, excitation.swing
-        most = min(self.order.most, self.objects.output_limit)
+        most = min(self.order.most, self.objects.codes_most)
         amplitude = min(self.order.first, most)
         unit = self.newton if output is FORCE else 1.0
         steps = self._steps(output)
@@ -615,13 +622,15 @@ class Analyzer:
 
     def _touch(self) -> None:
         """Waits for the contact. Then increases `contact_loss_cap` to the largest DAC code of the
-        approach. With its default value, noise would repeatedly end a light contact with a weak
-        force law."""
+        approach, without output_bias. With its default value, noise would repeatedly end a light
+        contact with a weak force law."""
         fastest = 0
 
         def touches(state: TouchObjects) -> bool:
             nonlocal fastest
-            fastest = max(fastest, abs(state.dac_code)) if not state.contact else fastest
+            if not state.contact:
+                code = math.ceil(abs(state.dac_code - self.objects.output_bias))
+                fastest = max(fastest, code)
             return bool(state.contact or state.contact_losses > before)
 
         before = self.axis.integer("contact_losses")

@@ -2,6 +2,7 @@
 then moved a short distance out and back. Each step has a result. After a failed step, the axis is
 not moved."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,9 +12,10 @@ from forceaxis.axis import actions, bus_times, parameter_file, parameter_set, qu
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus import client
+from forceaxis.commission.known import Weight
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
-from forceaxis.objects import mask
+from forceaxis.objects import BY_NAME, mask
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
 # Without recordings: number of reads at rest, and time in s between two reads.
@@ -26,6 +28,17 @@ DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more ac
 FIRST_MOTION_REACH = 8
 # Default values of the move out and back: travel in encoder counts, and largest DAC code.
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
+# steps in which the axis moves
+MOVING_STEPS = ("first motion", "move", "weight")
+# Results of the first motion test of an axis whose weight output_bias does not hold.
+MOVED_BY_WEIGHT = ("amplifier_offset", "encoder_reversed", "runaway")
+# Times in s: for which the position law holds the axis before its output is read, and in which the
+# output at standstill is averaged. Difference in DAC codes between two outputs that counts as none.
+HOLD_S, AT_REST_S, SAME_CODES = 1.5, 0.5, 2.0
+# Largest relative difference between the measured weight and that of the model. Largest relative
+# difference between the output at standstill and the output_bias with which the axis was held; with
+# a larger one, the sign of output_bias or the size of the weight is wrong.
+WEIGHT_TOLERANCE, HELD_TOLERANCE = 0.1, 0.5
 # Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
 SETTLE_S = 1.3  # time in s from the end of a move to the read of the position error
@@ -42,7 +55,8 @@ FAULT_CAUSES = {
     "cable, supply and force_zero_code",
     "current_sensor_failed": "the current is at the end of its range or jumps: check the wiring",
     "not_standing": "the axis does not come to a standstill: check brake and encoder cable",
-    "amplifier_offset": "the axis drifts at code 0: trim the amplifier's offset",
+    "amplifier_offset": "the axis moves without a command: trim the amplifier's offset; if it "
+    "carries a weight or a counterbalance, give its model, or set output_bias",
     "encoder_reversed": "encoder and amplifier disagree: swap the encoder's channels or the "
     "motor's leads, whichever makes a positive code move toward the workpiece",
     "no_motion": "the encoder did not count: check amplifier, enable, brake and encoder cable",
@@ -89,6 +103,8 @@ class CheckedObjects:
     position_max: int
     position_gain: float
     output_limit: int
+    output_bias: float
+    dac_bits: int
     following_error_max: int
     speed_max: float
     inputs_fitted: int
@@ -141,8 +157,36 @@ class MoveObjects:
 
     position: int
     dac_code: int
+    dac_fine: float
     fault: str
     limit_reason: str
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move out and back: position errors in encoder counts and mean outputs in DAC codes at
+    standstill at its end points, the largest output, and the last state."""
+
+    errors: tuple[int, ...]
+    codes: tuple[float, ...]
+    largest: int
+    last: MoveObjects
+
+    @property
+    def error(self) -> int:
+        """Returns the position error of the larger magnitude."""
+        return max(self.errors, key=abs)
+
+    @property
+    def code(self) -> float:
+        """Returns the mean of the outputs at standstill. The axis has come to rest in both
+        directions, so dry friction cancels."""
+        return float(np.mean(self.codes))
+
+    @property
+    def spread(self) -> float:
+        """Returns half the difference of the outputs at standstill, at least SAME_CODES."""
+        return max(SAME_CODES, (max(self.codes) - min(self.codes)) / 2)
 
 
 @dataclass(frozen=True)
@@ -156,15 +200,20 @@ class MotionCheckResult:
 
 class MotionCheck:
     """The first motion test of an axis that this program owns and that is disabled. After run(),
-    the axis is disabled, and all parameters except `force_tare` have their previous values."""
+    the axis is disabled, and all parameters have their previous values, except `force_tare` and,
+    for an axis with a weight, `output_bias`."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
-        say: Callable[[CheckStep], None] = lambda step: None,
+        say: Callable[[CheckStep], None] = lambda step: None, weight: Weight | None = None,
     ) -> None:  # fmt: skip
         """`travel`: distance of the move in encoder counts. `output`: largest DAC code during the
-        motion. `say`: function that is called with a CheckStep at the end of each step."""
+        motion, beside output_bias. `say`: function that is called with a CheckStep at the end of
+        each step. `weight`: weight by the model of the axis, None without a model."""
         self.axis, self.travel, self.output, self.say = axis, travel, output, say
+        self.weight = weight
+        self.bias = 0.0  # value of output_bias during the motion
+        self.learned: float | None = None  # value of output_bias that was measured
         self.steps: list[CheckStep] = []
 
     @property
@@ -183,13 +232,16 @@ class MotionCheck:
         if not self._table():
             return
         self.known = self.axis.record(CheckedObjects)
+        self.bias = self.known.output_bias
+        if self.weight and not self.bias:
+            self.bias = self._rounded(self.weight.codes)
         for step in (self._faults, self._inputs, self._gains, self._drive_times, self._rest,
                      self._limits):  # fmt: skip
             step()
         if not self.passed:
-            self._skip("an earlier step failed", "first motion", "move", "tare")
+            self._skip("an earlier step failed", *MOVING_STEPS, "tare")
         elif not consent(self.asked()):
-            self._skip("nobody allowed the axis to move", "first motion", "move", "tare")
+            self._skip("nobody allowed the axis to move", *MOVING_STEPS, "tare")
         else:
             self._motion()
             self._tare()
@@ -199,8 +251,9 @@ class MotionCheck:
         the axis moves."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
+        held = f"An output of {self.bias:g} codes holds its weight. " if self.bias else ""
         return (
-            f"It moves {counts} encoder counts in open loop, at most "
+            f"{held}It moves {counts} encoder counts in open loop, at most "
             f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
             f"{way} the workpiece and back with at most {self._output()} codes, never more than "
             f"{self._span()} counts from here while it is enabled; after a stop it coasts. "
@@ -380,9 +433,8 @@ class MotionCheck:
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
-            "position_min": max(known.position_min, self.start - self._span()),
-            "position_max": min(known.position_max, self.start + self._span()),
-            "output_limit": min(known.output_limit, max(self.output, known.first_motion_code)),
+            **self._position_bounds(),
+            "output_limit": self._limit(max(self.output, known.first_motion_code)),
             "following_error_max": _least(known.following_error_max, self.travel),
             "speed_max": _least(known.speed_max, 2 * known.first_motion_speed),
             "force_max": _least(known.force_max, force),
@@ -390,28 +442,75 @@ class MotionCheck:
             "profile_velocity_max": self._speed(),
             "profile_acceleration_max": self._speed() / 100,
         }
-        names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation"]
+        names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation",
+                 "output_bias"]  # fmt: skip
         before = self.axis.link.read(names)
         try:
-            self.axis.set(**bounds, first_motion_test="off")
+            self.axis.set(**bounds, first_motion_test="off", output_bias=self.bias)
             # A write to this object deletes the result of an earlier test.
             self.axis.set(first_motion_test="on")
             if not self._first_motion():
-                self._skip("an earlier step failed", "move")
+                self._skip("an earlier step failed", "move", "weight")
                 return
             slow = _least(known.speed_max, MOVE_SPEED_MAX)
-            self.axis.set(output_limit=self._output(), speed_max=slow)
+            self.axis.set(output_limit=self._limit(self.output), speed_max=slow)
             self._move()
+            if self.learned is not None and self.passed:
+                before["output_bias"] = client.to_raw("output_bias", self.learned)
         finally:
             self._put_back(before)
 
-    def _first_motion(self) -> bool:
+    def _position_bounds(self) -> dict[str, int]:
+        """Returns the position limits of the motion from the start position."""
+        return {
+            "position_min": max(self.known.position_min, self.start - self._span()),
+            "position_max": min(self.known.position_max, self.start + self._span()),
+        }
+
+    def _change_bias(self, bias: float, **more: client.Value) -> None:
+        """Disables the axis and writes a new output_bias. Until its brake holds, an axis with a
+        weight falls, so its motion begins from its new position."""
+        self.axis.off()
+        actions.wait_to_stand(self.axis)
+        self.bias = bias
+        most = self._limit(max(self.output, self.known.first_motion_code))
+        self.axis.set(output_bias=bias, output_limit=most, **more)
+        self.start = self.axis.integer("position")
+        bounds = self._position_bounds()
+        parameter_set.write(self.axis, bounds, self.axis.link.read(list(bounds)))
+
+    def _rounded(self, codes: float) -> float:
+        """Returns `codes` at the resolution of the output, within the range of output_bias."""
+        known = BY_NAME["output_bias"]
+        step = 2.0 ** (12 - self.known.dac_bits)
+        most = known.max * known.scale
+        return min(max(round(codes / step) * step, -most), most)
+
+    def _limit(self, codes: int) -> int:
+        """Returns the output limit that leaves `codes` on both sides of output_bias."""
+        return min(self.known.output_limit, codes + math.ceil(abs(self.bias)))
+
+    @property
+    def _weighs(self) -> bool:
+        """True if by the model an output of the drive has to hold a weight."""
+        return self.weight is not None and self.weight.codes != 0
+
+    def _enabled(self) -> str:
+        """Enables the axis in position mode. Returns the text of the error, or ""."""
         try:
             self.axis.enable("native position")
-            error = ""
         except (Refused, NoAnswer) as refusal:
-            error = str(refusal)
+            return str(refusal)
+        return ""
+
+    def _first_motion(self) -> bool:
+        error = self._enabled()
         found = self.axis.record(FirstMotionObjects)
+        if found.first_motion_result in MOVED_BY_WEIGHT and self.bias:
+            if not self._hold():
+                return False
+            error = self._enabled()
+            found = self.axis.record(FirstMotionObjects)
         result = found.first_motion_result
         text = (
             f"{_words(result)}: {found.first_motion_moved} encoder counts at code "
@@ -426,10 +525,93 @@ class MotionCheck:
         cause = FAULT_CAUSES.get(name, error)
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
+    def _hold(self) -> bool:
+        """Lets the position law hold an axis that output_bias alone does not hold, and takes the
+        output at standstill as output_bias. The bounds are those of the first motion test: with a
+        reversed encoder the axis has a fault. Returns True if the axis was held."""
+        used, error, codes = self.bias, "", 0.0
+        try:
+            self.axis.reset_fault()
+            self._change_bias(self.bias, first_motion_test="off")
+            self.axis.enable("native position")
+            self.axis.link.wait(HOLD_S)
+            codes = self._codes_at_rest()
+            fault = str(self.axis.get("fault")["fault"])
+            error = "" if fault == "none" else _words(fault)
+        except (Refused, NoAnswer) as refusal:
+            error = str(refusal)
+        if error or abs(codes - used) > HELD_TOLERANCE * abs(used):
+            found = f"the axis has {error}" if error else f"{codes:.4g} codes hold the axis"
+            return self._done("first motion", "failed", f"with output_bias {used:g} codes {found}: "
+                              "check the sign of output_bias, moving mass and inclination, then "
+                              "the directions of encoder and amplifier", used, codes)  # fmt: skip
+        # A write to first_motion_test deletes the result of an earlier test.
+        self._change_bias(self._rounded(codes), first_motion_test="on")
+        return True
+
+    def _codes_at_rest(self) -> float:
+        """Returns the mean output in DAC codes in a time of AT_REST_S."""
+        codes = []
+        for _ in range(round(AT_REST_S / READING_PERIOD_S)):
+            codes.append(self.axis.record(MoveObjects).dac_fine)
+            self.axis.link.wait(READING_PERIOD_S)
+        return float(np.mean(codes))
+
     def _move(self) -> None:
         """Moves the axis out and back in position mode. Checks the largest position error at the
-        end points."""
-        largest, errors = 0, []
+        end points, and the weight."""
+        moved = self._out_and_back()
+        if moved and self.bias and abs(moved.error) > ARRIVED_CNT:
+            # The law needs a position error for the part of the weight that output_bias does not
+            # hold. With the output that was measured, the axis has to arrive.
+            self._change_bias(self._rounded(moved.code), first_motion_test="off")
+            if error := self._enabled():
+                self._done("move", "failed", error)
+                return
+            moved = self._out_and_back()
+        if moved is None:
+            return
+        if self._evaluate("move", abs(moved.error) <= ARRIVED_CNT,
+                          f"{self.travel} encoder counts out and back, {moved.error} beside its "
+                          f"target, at most code {moved.largest}", moved.error, ARRIVED_CNT,
+                          f", {_words(moved.last.limit_reason)} limits it: it is blocked, or "
+                          "position_gain is too low"):  # fmt: skip
+            self._weigh(moved)
+        else:
+            self._skip("an earlier step failed", "weight")
+
+    def _weigh(self, moved: Move) -> None:
+        """Compares the output at standstill with the weight of the model, and with output_bias of
+        the axis. If the axis carries a weight, the output becomes its output_bias."""
+        codes, model = moved.code, self.weight
+        text = f"{codes:.4g} codes at standstill"
+        if not self._weighs and not self.known.output_bias:
+            if model and model.newton:
+                text += ", the drive holds the weight by itself"
+            offset = abs(codes) > moved.spread
+            if offset:
+                text += ": trim the amplifier's offset" + (
+                    "" if model else "; if the axis carries a weight, give its model"
+                )
+            self._done("weight", "noted" if offset else "passed", text, codes)
+            return
+        self.learned = self._rounded(codes)
+        kept = f"output_bias {self.learned:g} codes; `axis params store` keeps it"
+        if model is None or not self._weighs:
+            self._done("weight", "passed", f"{text}, {kept}", codes, self.known.output_bias)
+            return
+        newton = -codes * model.newton_per_code
+        if abs(codes - model.codes) <= max(moved.spread, WEIGHT_TOLERANCE * abs(model.codes)):
+            self._done("weight", "passed", f"weight of {newton:.4g} N, {kept}", codes, model.codes)
+            return
+        self._done("weight", "noted", f"weight of {newton:.4g} N ({codes:.4g} codes), but by the "
+                   f"model {model.newton:.4g} N ({model.codes:.4g} codes): check moving mass, "
+                   f"inclination, counterbalance and force constant; {kept}", codes,
+                   model.codes)  # fmt: skip
+
+    def _out_and_back(self) -> Move | None:
+        """Moves the axis out and back. Returns None after a failed step, whose result is stored."""
+        largest, errors, codes = 0, [], []
         for target in (self.start + self.direction * self.travel, self.start):
             try:
                 self.axis.set(position_setpoint=target)
@@ -441,24 +623,22 @@ class MotionCheck:
                         break
                     self.axis.link.wait(READING_PERIOD_S)
                     passed += READING_PERIOD_S
+                if now.fault == "none":
+                    codes.append(self._codes_at_rest())
             except (Refused, NoAnswer) as error:
                 self._done("move", "failed", str(error))
-                return
+                self._skip("an earlier step failed", "weight")
+                return None
             if now.fault != "none":
                 cause = FAULT_CAUSES.get(now.fault, f"at position {now.position}")
                 self._done("move", "failed", f"{_words(now.fault)}: {cause}", now.fault,
                            "none")  # fmt: skip
-                return
+                self._skip("an earlier step failed", "weight")
+                return None
             errors.append(now.position - target)
-            if abs(errors[-1]) > ARRIVED_CNT:
+            if abs(errors[-1]) > ARRIVED_CNT and not self.bias:
                 break
-        worst = max(errors, key=abs)
-        self._evaluate("move", abs(worst) <= ARRIVED_CNT,
-                    f"{self.travel} encoder counts out and back, {worst} beside its target, "
-                    f"at most code {largest}", worst,
-                    ARRIVED_CNT,
-                    f", {_words(now.limit_reason)} limits it: it is blocked, or position_gain "
-                    "is too low")  # fmt: skip
+        return Move(tuple(errors), tuple(codes), largest, now)
 
     def _put_back(self, before: dict[str, int]) -> None:
         """Disables the axis and restores the objects that were changed for the motion.

@@ -47,7 +47,7 @@ SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
 TOUCH_DOWN_OBJECTS = (
     "rated_force", "force_slope", "approach_velocity_max", "contact_force",
     "position_gain", "velocity_gain", "contact_loss_cap", "contact_loss_dwell", "bump_decay_shift",
-    "latency_ticks",
+    "latency_ticks", "output_bias",
 )  # fmt: skip
 
 
@@ -87,7 +87,7 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
     """Returns the settings of the firmware for a simulation of the axis, as {object: engineering
     value}."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
-                           "contact_force")  # fmt: skip
+                           "contact_force", "output_bias")  # fmt: skip
     held |= checked.settings
     return {name: held[name] for name in simulation.KEPT if name in held}
 

@@ -276,7 +276,7 @@ def glide(
     )  # fmt: skip
     analyzer.home = start
     most = max(SMALLEST_CODE, most)
-    highest = max(SMALLEST_CODE, highest or min(16 * most, 2048))
+    highest = max(SMALLEST_CODE, highest or min(16 * most, analyzer.objects.codes_most))
     code = max(SMALLEST_CODE, first)
     too_fast, more = 0, ""  # last DAC code with which the axis was too fast, and the remedy
 

@@ -84,7 +84,7 @@ class FrictionSearch:
         needed for the amplitude of the excitation, with which the axis has to slide. Raises
         Refusal."""
         own = self.order.amplitude
-        most = min(own or self.order.most, self.analyzer.objects.output_limit)
+        most = min(own or self.order.most, self.analyzer.objects.codes_most)
         try:
             glide = friction.glide(
                 self.analyzer, most, self.analyzer.say, highest=most, drive=self.drive

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from forceaxis import linear
+from forceaxis import linear, toml
 from forceaxis.design import model_file
 from forceaxis.design.model_file import Given, ModelLink
 from forceaxis.errors import ParameterError
@@ -242,6 +242,37 @@ def drive(
         abs(code_rate(model, overrides)),
         current_sensor(model, overrides) if integral else None,
     )
+
+
+@dataclass(frozen=True)
+class Weight:
+    """The weight of an axis by its model: the force of gravity along the axis in N, positive toward
+    the workpiece, and the force of the drive at standstill in N per DAC code. This force is
+    infinity for a drive whose velocity loop has an integral."""
+
+    newton: float
+    newton_per_code: float
+
+    @property
+    def codes(self) -> float:
+        """Returns the DAC code that holds the weight. A drive with an integral needs none."""
+        return -self.newton / self.newton_per_code
+
+
+def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weight:
+    """Returns the weight of the axis of a model: the sum of all [[gravity]] elements, a
+    counterbalance included. If the acceleration depends on the position, its first value
+    counts."""
+    parameters = linear.facts(model, overrides).parameters
+    table = toml.read(str(model))
+    masses = {body["name"]: body["mass"] for body in table.get("body", ())}
+    total = 0.0
+    for row in table.get("gravity", ()):
+        given = row["acceleration"]
+        acceleration = working.number(given[0] if isinstance(given, list) else given, parameters)
+        mass = working.number(masses.get(row["body"]), parameters)
+        total += (acceleration or 0.0) * (mass or 0.0)
+    return Weight(total, newton_per_code(model, overrides))
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -43,6 +43,7 @@ REACH_MAX_S = 20.0
 # Limit of the force error in contact.toml with an integral in the loop, a share of the set-point.
 # An error of HALF_COUNT 8-bit counts, or of one DAC code, is always permitted.
 ERROR_MAX, HALF_COUNT = 0.02, 0.6
+FRACTION_BITS = 12  # an output with more bits than this has fractions of a DAC code
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
 HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
@@ -327,13 +328,25 @@ def stuck(v: SheetValues, first: "First") -> list[str]:
     force law."""
     if first.friction_most is not None:
         return []
-    back_N = -min(v.weight_n, 0.0)
+    back_N = 0.0 if first.output_bias else -min(v.weight_n, 0.0)
     weight = f" and the weight of {back_N:.3g} N" if back_N else ""
     return [
         f"the dry friction of {v.guide_coulomb_n:g} N{weight} keeps the axis at standstill, "
         f"because the law of contact.toml pushes with {first.pushes_N + back_N:.3g} N, so that its "
         "run never comes into contact; raise force_gain or force_setpoint, or take a law with "
         "integral action (held.toml)"
+    ]
+
+
+def too_heavy(v: SheetValues, first: "First") -> list[str]:
+    """Returns a one-line text if the weight needs more DAC codes than output_bias may have."""
+    codes = -v.weight_n / first.newton_per_code
+    if abs(codes) <= objects.BY_NAME["output_bias"].max * objects.BY_NAME["output_bias"].scale:
+        return []
+    return [
+        f"the weight of {v.weight_n:.4g} N needs {codes:.4g} DAC codes, more than the half of the "
+        f"range that output_bias may have, so that output_bias = {first.output_bias:g} holds a "
+        "part of it only; take a stronger drive, or a counterbalance"
     ]
 
 
@@ -361,11 +374,15 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float  # duration of the experiment step.toml
-    # force of the axis in N at the start of the approach: force of the DAC code plus weight
+    # force of the axis in N at the start of the approach: force of the DAC code plus weight, of
+    # which output_bias holds its part
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
     raised: str  # reason why the force set-point was increased, or ""
+    # DAC codes that hold the weight; 0 for a drive whose velocity loop has an integral
+    output_bias: float
+    newton_per_code: float  # force of the drive at standstill; infinity with an integral
     # distance to the workpiece in m at the start of contact.toml, if that of the model is too large
     start_m: float | None = None
     free_m_per_s: float = 0.0  # speed of the approach of contact.toml
@@ -447,7 +464,15 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
         model, inputs, (pull.replace("force", "velocity"),), modes=sliding, free=True
     )
     speed_per_N = abs(moving.at([0.02j * math.pi]).ravel()[1])
-    need = 1.1 * (2 * dry - min(weight, 0.0)) * speed_per_N / (gain * code)
+    of_command, of_force = plant.at(0.0).real.ravel()
+    static = gain * volts * of_command
+    # If the drive has an integral in its velocity loop, its force rises until the force error is 0.
+    integrates = not static < STATIC_GAIN_MAX
+    newton_per_code = math.inf if integrates else volts * of_command / of_force
+    bias = bias_codes(v, newton_per_code)
+    # What the output bias leaves of the weight is the rounding of the bias.
+    unheld = weight + (bias * newton_per_code if bias else 0.0)
+    need = 1.1 * (2 * dry - min(unheld, 0.0)) * speed_per_N / (gain * code)
     highest = math.floor(min(96.0, peak / 2 / newton_per_count) * 256) / 256
     fast = v.approach_mm / 1e3 / (REACH_MAX_S * gain * code)
     usual, wanted = setpoint, math.ceil(max(need, fast) * 256) / 256
@@ -457,13 +482,9 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
         raised = (
             "against its weight and twice the dry friction"
             if need >= fast
-            else (f"within {REACH_MAX_S:g} s")
+            else f"within {REACH_MAX_S:g} s"
         )
-    of_command, of_force = plant.at(0.0).real.ravel()
-    static = gain * volts * of_command
-    # If the drive has an integral in its velocity loop, its force rises until the force error is 0.
-    integrates = not static < STATIC_GAIN_MAX
-    held = 1.0 if integrates else (static + of_force * weight / setpoint) / (1 + static)
+    held = 1.0 if integrates else (static + of_force * unheld / setpoint) / (1 + static)
 
     def error_at(factor: float) -> float:
         """Largest error of the settled force at `factor` times the gain, as a share of the force
@@ -473,7 +494,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
             return float(max(ERROR_MAX, steps))
         loop = factor * static
         rubs = abs(of_force) * (2 * dry + v.cogging_n) / setpoint
-        error = abs(1 - of_force * weight / setpoint) + rubs
+        error = abs(1 - of_force * unheld / setpoint) + rubs
         return float(ERROR_MAX + steps + error / (1 + loop))
 
     rate = force.decay(gain * volts)
@@ -486,7 +507,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     # The simulated time is sufficient at a tenth of the speed, unless the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
-    pushes += weight  # N, with the weight, at standstill
+    pushes += unheld  # N, with the weight, at standstill
     most = friction_most(dry, pushes)
     if most is not None and not integrates:
         slowest = (pushes - most * dry) * speed_per_N
@@ -503,9 +524,20 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     return First(
         limit, gain, setpoint, held, min(error_at(1 / 3), (1 + error_at(1.0)) / 2), contact,
         position_limit, position_gain, distance, speed, acceleration, min(step, 600.0), pushes,
-        most, raised, start_m if start_m < v.approach_mm / 1e3 else None,
+        most, raised, bias, newton_per_code, start_m if start_m < v.approach_mm / 1e3 else None,
         free_speed,
     )  # fmt: skip
+
+
+def bias_codes(v: SheetValues, newton_per_code: float) -> float:
+    """Returns the value of the object output_bias in DAC codes that holds the weight, at the
+    resolution of the output and within the range of the object. `newton_per_code`: force of the
+    drive at standstill, infinity for a velocity loop with an integral, which needs no bias."""
+    codes = -v.weight_n / newton_per_code
+    if v.output_bits <= FRACTION_BITS:
+        codes = round(codes)
+    known = objects.BY_NAME["output_bias"]
+    return within("output_bias", round(codes / known.scale) * known.scale)
 
 
 def with_reserve(
@@ -749,19 +781,23 @@ def write(
         force_setpoint=first.setpoint,
         setpoint_N=first.setpoint * values.sensor_full_scale_n / 128,
         held_share=first.held,
-        held_with=held_with(values),
+        held_with=held_with(values, first),
         position_gain=first.position_gain,
         design=bought,
         defaults=[n for n, s in sources.items() if s != "given"],
-        doubts=doubts(values) + stuck(values, first),
+        doubts=doubts(values) + too_heavy(values, first) + stuck(values, first),
         marked=written[MODEL].count("default, check"),
     )
 
 
-def held_with(v: SheetValues) -> str:
+def held_with(v: SheetValues, first: First) -> str:
     """Returns the end of the sentence about the force at which contact.toml settles. The text
-    states whether the force includes the weight, and whether dry friction may change the force."""
-    text = "" if v.inclination_deg is None else ", the weight's part included"
+    states what holds the weight, and whether dry friction may change the force."""
+    text = ""
+    if first.output_bias:
+        text = (
+            f"; output_bias of {first.output_bias:g} codes holds the weight of {v.weight_n:.3g} N"
+        )
     return text + (", plus or minus the dry friction" if v.guide_coulomb_n else "")
 
 

@@ -25,7 +25,12 @@ GridValues: TypeAlias = str | Iterable[float]
 # {table of an experiment: its numeric keys that a sweep can change}
 KEYS = {
     "experiment": ("duration_s", "seed"),
-    "verdict": ("window_s", "force_ripple_max_count", "position_ripple_max_count"),
+    "verdict": (
+        "window_s",
+        "force_ripple_max_count",
+        "position_ripple_max_count",
+        "position_error_max_count",
+    ),
 }
 
 

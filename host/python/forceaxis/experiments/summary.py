@@ -46,22 +46,23 @@ def ripple(
     converters: Converters,
     limit: float | None = None,
     beyond: bool = False,
+    kind: str = "ripple",
 ) -> str:
     """Returns the ripple of the force or of the position as text, with its limit in [verdict].
 
     `what`: "force" or "position". `count` and `limit` are in counts. `beyond`: True if the ripple
-    exceeds the limit.
+    exceeds the limit. `kind`: "ripple", or "error" for a distance from the set-point.
     """
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
     size = size_of_count(what, converters)
     if not size:
-        return f"{what} ripple {in_counts}" + (" allowed" if limit is not None else "")
+        return f"{what} {kind} {in_counts}" + (" allowed" if limit is not None else "")
     physical, unit = size
     kept = "" if limit is None else quantity(limit * physical, unit)
     kept = kept and (f" above the {kept} allowed" if beyond else f" of {kept} allowed")
-    return f"{what} ripple {quantity(count * physical, unit)}{kept} ({in_counts})"
+    return f"{what} {kind} {quantity(count * physical, unit)}{kept} ({in_counts})"
 
 
 def reasons(
@@ -76,6 +77,7 @@ def reasons(
 MISSED = {
     "fault": "fault {fault}",
     "setpoint": "no set-point of force at the end",
+    "position_setpoint": "no set-point of the position",
     "contact_made_s": "contact made after {value:.3g} s, the window begins at {bound:.3g} s",
     "contact_losses": "contact lost {times} in the window",
     "contact_losses_max": "contact lost {times}, {bound:g} allowed",
@@ -116,8 +118,10 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
             kept=f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N held" if held else "",
             range=f" ({low:.4g} to {high:.4g} {reading.unit})" if reading else "",
         )
-    what = limit.split("_")[0]
-    text = ripple(what, value, converters, bound, beyond=True)
+    what, kind = limit.split("_")[:2]
+    text = ripple(what, value, converters, bound, beyond=True, kind=kind)
+    if kind == "error":
+        return text
     late = (
         metrics.force_ripple_late_count if what == "force" else metrics.position_ripple_late_count
     )
@@ -190,6 +194,9 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
     ):
         if limit is not None:
             found.append(ripple(what, count, result.converters, limit))
+    error, limit = metrics.position_error_count, criterion.position_error_max_count
+    if limit is not None and error is not None:
+        found.append(ripple("position", abs(error), result.converters, limit, kind="error"))
     return found
 
 
