@@ -41,13 +41,17 @@ int32_t limits_bound_late(axis_t *axis, int32_t command_q16) {
   return clamp_to(clamp_law(axis, command_q16), due);
 }
 
+/* Return true if the output bias drives a moving axis further in this direction. */
+static bool drives_up(int32_t bias_q16, int32_t velocity) { return bias_q16 > 0 && velocity > 0; }
+static bool drives_down(int32_t bias_q16, int32_t velocity) { return bias_q16 < 0 && velocity < 0; }
+
 int32_t limits_block(axis_t *axis, uint8_t digital_inputs, int32_t output_q16) {
   const int32_t bias_q16 = axis->bias_q16;
   const int32_t velocity = axis->signals.velocity;
   const bool switch_pos = (digital_inputs & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0;
   const bool switch_neg = (digital_inputs & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0;
-  const int32_t most_q16 = (bias_q16 > 0 && velocity > 0) ? 0 : bias_q16;
-  const int32_t least_q16 = (bias_q16 < 0 && velocity < 0) ? 0 : bias_q16;
+  const int32_t most_q16 = drives_up(bias_q16, velocity) ? 0 : bias_q16;
+  const int32_t least_q16 = drives_down(bias_q16, velocity) ? 0 : bias_q16;
   int32_t held_q16 = output_q16;
   if (held_q16 > most_q16 && (switch_pos || axis->signals.position > axis->params.position_max)) {
     held_q16 = most_q16;
