@@ -96,6 +96,7 @@ static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
 static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) {
   axis->signals.active_mode = AXIS_MODE_DISABLED;
   axis->drive_wait_tick = 0;
+  axis->brake_tick = 0;
   axis->rebase = 0;
   axis->bounded = 0;
   axis->signals.bump_bias = 0;
@@ -111,6 +112,38 @@ static void switch_off(axis_t *restrict axis, axis_outputs_t *restrict outputs) 
   outputs->brake_release = 0;
 }
 
+static inline void put_out(axis_signals_t *signals, int32_t output_q16) {
+  signals->dac_fine = (int16_t)fx_floor_shift(output_q16, 16 - AXIS_FINE_BITS);
+  signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
+}
+
+/* Returns true if the axis was disabled without a fault and its brake has not engaged yet. */
+static bool is_engaging(const axis_t *axis) {
+  return axis->signals.fault == AXIS_FAULT_NONE &&
+         axis->signals.active_mode != AXIS_MODE_DISABLED &&
+         axis->brake_tick < axis->params.brake_engage_ticks;
+}
+
+/* Computes a tick in which the brake engages: the output is the output bias, which holds the weight
+ * of the axis, and not the last command, which may press or move the axis. If the axis is enabled
+ * again, bumpless transfer begins at the output bias. */
+static void hold_for_brake(axis_t *restrict axis, uint8_t digital_inputs,
+                           axis_outputs_t *restrict outputs) {
+  axis_signals_t *signals = &axis->signals;
+  const uint16_t brake_tick = axis->brake_tick;
+  switch_off(axis, outputs);
+  axis->brake_tick = (uint16_t)(brake_tick + 1);
+  axis->rebase = 1;
+  const int32_t output_q16 = limits_block(axis, digital_inputs, axis->bias_q16);
+  axis->net_q16 = output_q16 - axis->bias_q16;
+  put_out(signals, output_q16);
+  signals->active_mode = AXIS_MODE_OPEN_LOOP;
+  signals->command_code = signals->dac_code;
+  outputs->dac_code = signals->dac_code;
+  outputs->dac_fine = signals->dac_fine;
+  outputs->amp_enable = 1;
+}
+
 static void latch_fault(axis_t *axis, uint8_t fault) {
   if (axis->signals.fault == AXIS_FAULT_NONE) {
     axis->signals.fault = fault;
@@ -120,8 +153,8 @@ static void latch_fault(axis_t *axis, uint8_t fault) {
 }
 
 /* Returns the mode whose control law is computed in this tick. If the result is disabled, also sets
- * the outputs to the safe state. Exception: while the axis waits until its drive on a bus is on,
- * the result is disabled, but the amplifier stays on. */
+ * the outputs to the safe state. Exceptions: while the axis waits until its drive on a bus is on,
+ * and while its brake engages, the result is disabled, but the amplifier is on. */
 static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                           axis_outputs_t *restrict outputs) {
   /* A change from any mode to any other mode is permitted, because it is bumpless. */
@@ -130,7 +163,7 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
   const uint8_t reports = inputs->drive | inputs->position_age | inputs->force_age;
   const bool waits = axis_drive_is_off(inputs->drive);
   update_setpoint(axis, waits ? (uint8_t)AXIS_MODE_DISABLED : mode);
-  if (mode == AXIS_MODE_DISABLED) {
+  if (mode == AXIS_MODE_DISABLED && !is_engaging(axis)) {
     switch_off(axis, outputs);
     return mode;
   }
@@ -150,6 +183,11 @@ static uint8_t begin_mode(axis_t *restrict axis, const axis_inputs_t *restrict i
     outputs->amp_enable = 1;
     return AXIS_MODE_DISABLED;
   }
+  if (mode == AXIS_MODE_DISABLED) {
+    hold_for_brake(axis, inputs->din, outputs);
+    return AXIS_MODE_DISABLED;
+  }
+  axis->brake_tick = 0;
   return mode;
 }
 
@@ -183,8 +221,7 @@ static inline void set_output(axis_t *restrict axis, uint8_t digital_inputs, int
   axis_signals_t *signals = &axis->signals;
   const int32_t output_q16 = limits_apply(axis, digital_inputs, due_q16);
   axis->net_q16 = output_q16 - axis->bias_q16;
-  signals->dac_fine = (int16_t)fx_floor_shift(output_q16, 16 - AXIS_FINE_BITS);
-  signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
+  put_out(signals, output_q16);
 }
 
 void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,

@@ -38,6 +38,10 @@ void axis_init(axis_t *axis);
  * mode begins in the first tick in which the drive is on. AXIS_DRIVE_REPORT_LIMIT acts on the
  * integral like a limit of the DAC code.
  *
+ * When mode becomes disabled without a fault, the brake closes in the same tick, but a brake needs
+ * some time until it holds. For brake_engage_ticks the amplifier stays on with output_bias as the
+ * only output, active_mode is open_loop, and faults are detected as in every mode.
+ *
  * A fault (faults.h) acts in the same tick for every value of latency_ticks: the DAC code becomes
  * 0, the amplifier is switched off and the brake closes. The fault is latched, and the requested
  * mode becomes disabled. A limit (limits.h) changes only the output code. If latency_ticks is 1,

@@ -57,7 +57,7 @@ typedef struct {
 typedef struct {
   /* DAC code, -2048..2047; one code is 20/4096 V. With the amplifier on, code 0 commands speed 0 */
   int16_t dac_code;
-  /* 1 if the amplifier is on; 0: the amplifier is off, and the axis coasts */
+  /* 1 if the amplifier is on; 0: the amplifier is off, and the axis coasts or its brake holds */
   uint8_t amp_enable;
   uint8_t brake_release; /* 1 releases the brake; it is 1 only while the amplifier is on */
   /* The output with a finer resolution than dac_code, in 1/16 DAC code, -32768..32752, for a board
@@ -126,6 +126,9 @@ typedef struct {
   /* number of ticks since the amplifier was enabled. It counts only until the drive on the bus
    * reports that it is on */
   uint16_t drive_wait_tick;
+  /* number of ticks for which the amplifier has stayed on since the axis was disabled, while the
+   * brake engages; 0 in every other tick */
+  uint16_t brake_tick;
   /* age of the position in the last tick, as in axis_inputs_t; `force_age`: age of the force in the
    * last tick */
   uint8_t position_age;

@@ -45,15 +45,15 @@ int32_t limits_block(axis_t *axis, uint8_t digital_inputs, int32_t output_q16);
  *   dac_saturation   the sum is beyond -2048..2047 codes
  *   output_limit     the sum is beyond +-output_limit, and output_limit is below 2048
  *   position_max     position > position_max, and the command is positive: the output becomes the
- *                    output bias, so the axis is not driven further; a negative command still moves
- *                    the axis back. While the axis moves in the positive direction nevertheless,
- * for example because the output bias is too large, the output is not positive position_min     the
- * same for position < position_min and the negative direction limit_switch_pos the same as
- * position_max while the positive limit switch is on limit_switch_neg the same as position_min
- * while the negative limit switch is on drive_limit      a fitted drive reports a limit of its own;
- * limits_add_drive() sets this reason If both ends are reached at once, the output is the output
- * bias or 0. The ranges of the drive act before these limits. The command must be within +-2^30 -
- * 2^15, and the output bias within
+ *                    output bias, so the axis is not driven further. A negative command still
+ *                    moves the axis back. If the axis still moves in the positive direction, for
+ *                    example because the output bias is too large, the output is not positive.
+ *   position_min     the same for position < position_min and the negative direction
+ *   limit_switch_pos the same as position_max while the positive limit switch is on
+ *   limit_switch_neg the same as position_min while the negative limit switch is on
+ *   drive_limit      a fitted drive reports a limit of its own; limits_add_drive() sets this reason
+ * If both ends are reached at once, the output is the output bias or 0. The ranges of the drive act
+ * before these limits. The command must be within +-(2^30 - 2^15), and the output bias within
  * +-output_limit; digital_inputs has AXIS_DIGITAL_INPUTS_ bits. position_min and position_max are
  * compared with the encoder count directly, so this count must not wrap. */
 static inline int32_t limits_apply(axis_t *axis, uint8_t digital_inputs, int32_t command_q16) {

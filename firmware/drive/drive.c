@@ -169,11 +169,18 @@ static void stop_quickly(cia402_t *drive, axis_t *axis) {
 
 static void react(cia402_t *drive, axis_t *axis) {
   const int16_t option = drive->params.fault_reaction_option;
-  if (option == STOP_AT_ONCE || has_stopped(drive, axis, option == STOP_QUICK)) {
+  const bool at_once = option == STOP_AT_ONCE;
+  if (!at_once && drive->stopping_tick < CIA402_STOPPING_TICKS &&
+      !has_stopped(drive, axis, option == STOP_QUICK)) {
+    return;
+  }
+  /* The fault switches the amplifier off, so it waits until the brake of the stopped axis holds. */
+  drive->stopping_tick = CIA402_STOPPING_TICKS;
+  if (at_once || axis->params.brake_engage_ticks == 0 || is_at_rest(axis)) {
     axis_fault(axis, drive->fault);
     enter(drive, AXIS_DRIVE_STATE_FAULT);
-    motion_rest(drive, axis);
   }
+  motion_rest(drive, axis);
 }
 
 static void answer_guards(cia402_t *drive, axis_t *axis) {

@@ -11,14 +11,17 @@
  *              FIRST_MOTION_STAND_TICKS, and the measured force must be within contact_force. This
  *              phase lasts at most FIRST_MOTION_REST_TICKS. No sensor may be at an end of its
  *              range, and the motor current must not jump.
- *   zero       The amplifier is on with DAC code 0 for FIRST_MOTION_ZERO_TICKS. Each DAC code of
- * the test is beside output_bias, which thus has to hold the axis. A fitted drive must be on
- * before. The encoder must move by less than first_motion_counts. out        The axis moves away
- * from the workpiece, or towards the workpiece if a limit prevents the motion away. The DAC code
- * rises by one in two ticks, at most to first_motion_code, until the encoder has moved by
- * first_motion_counts. The largest code lasts at most FIRST_MOTION_HOLD_TICKS. back       The axis
- * moves back with the same code in the other direction, until the encoder is at its start count or
- * a limit stops the axis.
+ *   zero       The amplifier is on with DAC code 0 for FIRST_MOTION_ZERO_TICKS. A fitted drive must
+ *              be on before. The encoder must move by less than first_motion_counts.
+ *   out        The axis moves away from the workpiece, or towards the workpiece if a limit prevents
+ *              the motion away. The DAC code rises by one in two ticks, at most to
+ *              first_motion_code, until the encoder has moved by first_motion_counts. The largest
+ *              code lasts at most FIRST_MOTION_HOLD_TICKS.
+ *   back       The axis moves back with the same code in the other direction, until the encoder is
+ *              at its start count or a limit stops the axis.
+ *
+ * DAC codes of the test are commands, to which output_bias is added, so in the phase "zero" the
+ * output bias alone has to hold the axis.
  *
  * In the phases "out" and "back" the fault is `runaway` if the axis is faster than
  * first_motion_speed or moves further than FIRST_MOTION_REACH times first_motion_counts. This bound

@@ -19,8 +19,8 @@
  *                       of a filter.
  *   force_disconnected  Without contact the magnitude of the DAC code, without the output bias, was
  *                       at least force_disconnected_code for force_disconnected_time, and the axis
- * moved by at most force_disconnected_travel. Either the axis presses on an object without a
- * measured force, or it is at a mechanical end stop.
+ *                       moved by at most force_disconnected_travel. Either the axis presses on an
+ *                       object without a measured force, or it is at a mechanical end stop.
  *
  * The times are rounded up to ticks and include the first tick of the condition. force_stuck and
  * force_disconnected are checked in every fourth tick, so these faults act up to five ticks later.

@@ -40,6 +40,7 @@ class DrawnPress {
         {AXIS_OBJ_CONTACT_LOSS_CAP, Pick({0, 0, 40, 300, 2048})},
         {AXIS_OBJ_OUTPUT_LIMIT, Pick({2048, 2048, 700, 90})},
         {AXIS_OBJ_OUTPUT_BIAS, 16 * bias_},
+        {AXIS_OBJ_BRAKE_ENGAGE_TICKS, Pick({0, 0, 5, 45})},
         {AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick({3000, 3000, 15000, 60000})},
         {AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick({0, 3000, 600})},
         {AXIS_OBJ_FORCE_GAIN, Pick({256, 5 * 256, 15 * 256})},

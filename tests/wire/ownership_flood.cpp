@@ -482,7 +482,9 @@ class Flood {
       default:
         oracle_.BusStops(state);
         nmt_ = kPreOperational;
-        for (int i = 0; i < 3; ++i) Step();
+        // A reset of the node waits for the brake.
+        const int engages = command == 129 ? Read(AXIS_OBJ_BRAKE_ENGAGE_TICKS) : 0;
+        for (int i = 0; i < 3 + engages; ++i) Step();
         if (command == 129) {
           if (Read(AXIS_OBJ_COMMAND_SOURCE) != kCanopen || outputs_.amp_enable != 0) {
             Fail("the owner after a reset", Read(AXIS_OBJ_COMMAND_SOURCE), kCanopen);
@@ -540,7 +542,8 @@ class Flood {
     if (Read(AXIS_OBJ_CONTROLWORD) != oracle_.word) {
       Fail("the controlword", Read(AXIS_OBJ_CONTROLWORD), oracle_.word);
     }
-    if (!oracle_.may_move && outputs_.amp_enable != 0) Fail("the amplifier", 1, 0);
+    // Behind a closed brake the amplifier may be on (code_oracle.hpp).
+    if (!oracle_.may_move && outputs_.brake_release != 0) Fail("the brake", 1, 0);
   }
 
   void Tick() {

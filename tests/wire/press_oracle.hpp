@@ -205,7 +205,10 @@ class PressOracle {
     }
     const bool powered =
         then.state >= AXIS_DRIVE_STATE_OPERATION_ENABLED && then.state != AXIS_DRIVE_STATE_FAULT;
-    return powered || off ? "" : "the amplifier is on in drive_state " + std::to_string(then.state);
+    const bool behind_brake = out.brake_release == 0;  // judged by CodeOracle
+    return powered || off || behind_brake
+               ? ""
+               : "the amplifier is on in drive_state " + std::to_string(then.state);
   }
 
   static bool OfABus(std::int32_t fault) {

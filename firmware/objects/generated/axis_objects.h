@@ -10,22 +10,22 @@
 #include "firmware/objects/generated/axis_objects_canopen.h"
 #include "firmware/objects/generated/axis_objects_device.h"
 
-enum { AXIS_OBJ_COUNT = 656 /* one past the last number */ };
+enum { AXIS_OBJ_COUNT = 657 /* one past the last number */ };
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
  * scales, ranges, access, names of values. Programs with the same one mean the same.
  * Defaults and wording are no part of it. */
-#define AXIS_OBJECTS_HASH32 UINT32_C(0x19d887f2)
-#define AXIS_OBJECTS_HASH_TEXT "19d887f2"
+#define AXIS_OBJECTS_HASH32 UINT32_C(0x25adf754)
+#define AXIS_OBJECTS_HASH_TEXT "25adf754"
 /* CRC-32 of name, type, unit and scale of each object that the force law computes with. */
 #define AXIS_LAW_SIGNATURE UINT32_C(0xda9bc404)
 /* The table's hash of version 0.1.0, as its parameter sets carry it. */
 #define AXIS_OBJECTS_HASH32_0_1_0 UINT32_C(0x01dc90f8)
 
 enum {
-  AXIS_STORED_COUNT = 388,
-  AXIS_ADDRESSES_COUNT = 729,
-  AXIS_HOLDING_COUNT = 219,
+  AXIS_STORED_COUNT = 389,
+  AXIS_ADDRESSES_COUNT = 730,
+  AXIS_HOLDING_COUNT = 220,
   AXIS_INPUT_COUNT = 144
 };
 

@@ -34,6 +34,7 @@ enum {
   AXIS_OBJ_POSITION_MAX = 24,
   AXIS_OBJ_OUTPUT_LIMIT = 25,
   AXIS_OBJ_OUTPUT_BIAS = 655,
+  AXIS_OBJ_BRAKE_ENGAGE_TICKS = 656,
   AXIS_OBJ_LATENCY_TICKS = 26,
   AXIS_OBJ_BUMP_DECAY_SHIFT = 27,
   AXIS_OBJ_FOLLOWING_ERROR_MAX = 28,
@@ -183,6 +184,7 @@ typedef struct {
   uint16_t velocity_gain; /* velocity gain k_d of the position law: DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
   int16_t output_bias; /* DAC code that is added to the output in every mode while the axis is enabled, such as the code that holds the weight of a vertical axis; a positive code drives towards the workpiece. Position limits and limit switches stop the axis with this code, and output_limit bounds the sum. A change makes the first motion test run again [1/16 code] */
+  uint16_t brake_engage_ticks; /* number of ticks for which the amplifier stays on with output_bias while the holding brake engages after the axis was disabled, so that a vertical axis does not fall; after a fault the amplifier is off at once, except at the end of a ramp by fault_reaction_option; 0 for an axis without a brake [tick] */
   uint16_t drive_on_ticks_max; /* largest number of ticks from the enabling of the amplifier until the drive on the bus reports that it is on; a longer time causes the fault drive_not_ready [tick] */
   uint8_t mode; /* requested native mode (not a CiA 402 mode of operation); a fault sets this mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
@@ -211,7 +213,7 @@ typedef struct {
   int16_t dac_code; /* DAC code that was output in the latest tick [code] */
   int16_t dac_fine; /* output of the latest tick with all dac_bits; dac_code is this output rounded to a whole code [1/16 code] */
   int16_t command_code; /* DAC code that the control law computed in the latest tick, plus output_bias, before any limit; with latency_ticks 1 this code is output one tick later [code] */
-  uint8_t active_mode; /* native mode (not the CiA 402 mode of operation) that was active in the latest tick [enum] */
+  uint8_t active_mode; /* native mode (not the CiA 402 mode of operation) that was active in the latest tick; open_loop also while the brake engages (brake_engage_ticks) [enum] */
   uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
   uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */
   uint8_t digital_inputs; /* levels of the digital inputs, one bit for each input: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */

@@ -34,8 +34,8 @@ typedef struct {
   const char *in_cycle;   /* free, ends, refused: a change while a cycle runs */
 } axis_object_meta_t;
 
-#define AXIS_OBJECTS_HASH "19d887f2689a7ad4164fdb6d4e4b851e295e11aaf37335df50b1382ee475189d"
-#define AXIS_OBJECTS_META_COUNT 655
+#define AXIS_OBJECTS_HASH "25adf7544c8e63848a968852367e37f9931628935b46078d73bb575f2a003493"
+#define AXIS_OBJECTS_META_COUNT 656
 
 /* Entry i describes object number i + 1. */
 static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
@@ -109,7 +109,7 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(1), INT64_C(1), INT64_C(0), "wo", "any", "", 0x201E, 0, -1, 0, "Fault reset", 0, 0, "", "free"},
     {35, 4, "tick_count", "signal", "axis", "number of ticks since power-up, modulo 2^32", "u32", "tick",
      1.0, INT64_C(0), INT64_C(4294967295), INT64_C(0), "ro", "any", "", 0x201F, 0, 10, 0, "Tick count", 0, 1, "", "refused"},
-    {36, 1, "active_mode", "signal", "axis", "native mode (not the CiA 402 mode of operation) that was active in the latest tick", "u8", "1",
+    {36, 1, "active_mode", "signal", "axis", "native mode (not the CiA 402 mode of operation) that was active in the latest tick; open_loop also while the brake engages (brake_engage_ticks)", "u8", "1",
      1.0, INT64_C(0), INT64_C(4), INT64_C(0), "ro", "any", "disabled,open_loop,position,force,excitation", 0x2020, 0, 256, 0, "Active mode", 0, 1, "", "refused"},
     {37, 1, "fault", "signal", "axis", "latched fault: the first fault since the last reset of a fault", "u8", "1",
      1.0, INT64_C(0), INT64_C(38), INT64_C(0), "ro", "any", "none,sensor_invalid,enable_lost,adc_range,limit_switches,overspeed,force_max,following_error,heartbeat_lost,source_lost,can_off,pdo_timeout,main_loop_lost,duplicate_node,force_sensor_failed,current_sensor_failed,not_standing,amplifier_offset,encoder_reversed,no_motion,runaway,force_reversed,position_gain_zero,contact_travel,no_contact,contact_unstable,force_railed,force_jump,force_stuck,force_disconnected,board_unfit,supply_wrong,clock_wrong,output_wrong,drive_not_ready,drive_lost,drive_fault,position_old,force_old", 0x2021, 0, 257, 0, "Fault", 0, 1, "", "refused"},
@@ -1349,6 +1349,8 @@ static const axis_object_meta_t axis_objects_meta[AXIS_OBJECTS_META_COUNT] = {
      1.0, INT64_C(0), INT64_C(2), INT64_C(0), "ro", "any", "none,a,b", 0x244F, 3, 954, 0, "Program slot", 0, 0, "", "refused"},
     {655, 2, "output_bias", "parameter", "axis", "DAC code that is added to the output in every mode while the axis is enabled, such as the code that holds the weight of a vertical axis; a positive code drives towards the workpiece. Position limits and limit switches stop the axis with this code, and output_limit bounds the sum. A change makes the first motion test run again", "i16", "code",
      0.0625, INT64_C(-16384), INT64_C(16384), INT64_C(0), "rw", "disabled", "", 0x203E, 0, 892, 1, "Output bias", 0, 0, "", "refused"},
+    {656, 2, "brake_engage_ticks", "parameter", "axis", "number of ticks for which the amplifier stays on with output_bias while the holding brake engages after the axis was disabled, so that a vertical axis does not fall; after a fault the amplifier is off at once, except at the end of a ramp by fault_reaction_option; 0 for an axis without a brake", "u16", "tick",
+     1.0, INT64_C(0), INT64_C(1500), INT64_C(0), "rw", "any", "", 0x2041, 0, 893, 1, "Brake engage ticks", 0, 0, "", "free"},
 };
 
 /* Bits of the values. */

@@ -26,7 +26,7 @@ from tick_profile import (
     Profile,
 )
 
-AXIS = 330  # axis_tick() and what it calls, with the laws of the thesis
+AXIS = 340  # axis_tick() and what it calls, with the laws of the thesis
 BANKED = 565  # the same with a bank of the force law and bounds of the drive
 # What follows it in most ticks, with the arming of the black box; resets and the store are apart.
 BETWEEN = 3800

@@ -22,9 +22,9 @@ from unicorn import arm_const, riscv_const
 pytestmark = pytest.mark.beside
 
 ROOT = Path(__file__).resolve().parents[3]
-INSTRUCTIONS_MAX = 330
-BANKED_MAX = 565  # with a bank of the force law
-CORE_BYTES_MAX = 19 * 512  # 1 KiB of them is the table of the CRC-32
+INSTRUCTIONS_MAX = 340
+BANKED_MAX = 550  # with a bank of the force law
+CORE_BYTES_MAX = 20 * 512  # 1 KiB of them is the table of the CRC-32
 STATE_BYTES_MAX = 512
 FUZZED_TICKS = 40_000
 SEED = 1988
@@ -424,6 +424,7 @@ RANGES = {
     "output_limit": [0, 100, 2047, 2048, 2048, 2048],
     "latency_ticks": [0, 1],
     "output_bias": [0, 0, 0, 16384, -4806, 5],
+    "brake_engage_ticks": [0, 0, 0, 3, 45],
     "bump_decay_shift": [0, 1, 3, 6, 12],
     "following_error_max": [0, 0, 0, 0, 0, 30, 2147483647],
     "speed_max": [0, 0, 0, 40, 2147483647],

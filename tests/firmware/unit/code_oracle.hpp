@@ -36,6 +36,7 @@ class CodeOracle {
       const double steps = std::floor(read(AXIS_OBJ_OUTPUT_BIAS) / (1.0 * step) + 0.5);
       bias_fine = std::clamp(static_cast<std::int32_t>(steps) * step, -16 * output_limit,
                              16 * output_limit);
+      engage_ticks = read(AXIS_OBJ_BRAKE_ENGAGE_TICKS);
       position_min = read(AXIS_OBJ_POSITION_MIN);
       position_max = read(AXIS_OBJ_POSITION_MAX);
       loss_cap = read(AXIS_OBJ_CONTACT_LOSS_CAP);
@@ -44,6 +45,7 @@ class CodeOracle {
 
     std::int32_t adc_bits = 8, zero_code = 0, sign = 1, tare_q8 = 0, contact_q8 = 0;
     std::int32_t bias_fine = 0;  // output_bias as it acts, in 1/16 code
+    std::int32_t engage_ticks = 0;
     std::int32_t output_limit = 0, position_min = 0, position_max = 0;
     std::int32_t loss_cap = 0, loss_dwell_ms = 0;
     bool operator==(const Bounds &) const = default;
@@ -77,6 +79,8 @@ class CodeOracle {
       side_ = reading > 0 ? 1 : -1;
     }
     touched_ = presses && touches && out.amp_enable != 0;
+    const bool comes_on = (in.drive & kDriveOn) == AXIS_DRIVE_REPORT_FITTED;
+    engaging_ = out.amp_enable != 0 && out.brake_release == 0 && !comes_on ? engaging_ + 1 : 0;
     // A velocity is that from the last valid count to a count of this tick.
     placed_ = in.sensor_valid != 0 && in.position_age == 0;
     place_ = in.encoder_cnt;
@@ -96,6 +100,7 @@ class CodeOracle {
 
  private:
   static constexpr std::int64_t kNever = -1;
+  static constexpr int kDriveOn = AXIS_DRIVE_REPORT_FITTED | AXIS_DRIVE_REPORT_ON;
 
   std::string Wrong(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out,
                     bool presses, bool touches, std::int32_t uncertified, std::int32_t test_code) {
@@ -104,6 +109,11 @@ class CodeOracle {
       return out.dac_code == 0 && out.brake_release == 0 ? "" : Said("the amplifier is off", code);
     }
     if (std::abs(out.dac_fine) > 16 * bounds.output_limit) return Said("output_limit", code);
+    // Behind a closed brake the drive comes on, or the bias holds until the brake does.
+    if (out.brake_release == 0 && out.dac_fine != 0) {
+      if (out.dac_fine != bounds.bias_fine) return Said("the brake engages", code);
+      if (engaging_ >= bounds.engage_ticks) return Said("brake_engage_ticks", code);
+    }
     const bool fits = in.sensor_valid != 0;
     const bool up = fits && (in.din & AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE) != 0;
     const bool down = fits && (in.din & AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE) != 0;
@@ -136,6 +146,7 @@ class CodeOracle {
     return std::string(bound) + ": code " + std::to_string(code);
   }
 
+  int engaging_ = 0;                     // ticks with the amplifier on behind a closed brake
   std::int64_t since_contact_ = kNever;  // ticks since the latest one with contact
   int side_ = 0;                         // and the sign of its reading
   bool touched_ = false;                 // in the tick before
