@@ -107,6 +107,32 @@ def test_a_live_axis_does_not_fall_while_it_is_disabled(vertical):
         assert axis.read("position") == place
 
 
+def test_a_disabled_axis_is_held_until_its_brake_holds(vertical):
+    """47 ticks are 31.3 ms. A code is 20 V / 4096, at which the drive pushes with k_act times its
+    speed."""
+    model = vertical.parent / "model.toml"
+    model.write_text(
+        model.read_text().replace("velocity_per_volt = 0.02", "velocity_per_volt = 0.2")
+    )
+    codes = 4 * G / (4 / 0.02 * 0.2 * 20 / 4096)
+    overrides = [f"firmware.{text}" for text in ("brake_engage_ticks=47", "position_gain=0.2")]
+    overrides.append(f"firmware.output_bias={codes}")
+    done = runs.run(vertical, overrides)
+    place, out = (done.columns[name] for name in ("axis.position", "out"))
+    assert np.ptp(place) < 1e-5
+    k = int(0.6 * 1500 + 0.5)
+    assert list(out[k : k + 47]) == [1] * 47 and out[k + 47] == 0  # the amplifier, no brake
+    # With nine tenths of the weight, a tenth of it falls, against the damping of the drive.
+    overrides[-1] = f"firmware.output_bias={0.9 * codes}"
+    done = runs.run(vertical, overrides)
+    place, velocity = done.columns["axis.position"], done.columns["axis.velocity"]
+    t, a, tau = 0.0311, 0.1 * G, 0.02
+    speed = a * tau * (1 - np.exp(-t / tau))
+    falls = tau * (a * t - speed) + speed**2 / (2 * (100 / 4 - G))
+    assert abs(velocity[k]) < 1e-3
+    assert place[k] - place[-1] == pytest.approx(falls, rel=0.08)
+
+
 def test_an_analysis_has_it_released(vertical):
     """Poles as without a brake, and stuck where that is asked for."""
     model = vertical.parent / "model.toml"
@@ -148,6 +174,7 @@ def test_new_writes_the_brake_of_a_vertical_axis(tmp_path, deg):
     start = link.read(["position"])["position"]
     link.wait(1.0)
     assert link.read(["position"])["position"] == start
+    assert link.read(["brake_engage_ticks"])["brake_engage_ticks"] == 45  # 30 ms
     for experiment in ("contact.toml", "step.toml"):
         assert runs.run(tmp_path / "mine" / experiment).summary["verdict"] == "stable"
 

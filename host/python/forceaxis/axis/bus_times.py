@@ -1,5 +1,5 @@
-"""Computes values of time objects of the firmware from the bus cycle and the time-outs of a
-drive."""
+"""Computes values of time objects of the firmware from the bus cycle, the time-outs of a drive and
+the time of a brake."""
 
 import math
 
@@ -54,3 +54,10 @@ def on_ticks(wait_ms: float, sdo_timeout_ms: float) -> int:
     the largest value of the object."""
     ticks = math.ceil((wait_ms + sdo_timeout_ms) * TICKS_PER_MS)
     return min(ticks, ON_TICKS_MOST)
+
+
+def brake_ticks(engage_ms: float) -> int:
+    """Returns the value of the object `brake_engage_ticks`, in ticks, for a brake that holds
+    `engage_ms` after it was closed. The result is at most the largest value of the object."""
+    most = round(objects.BY_NAME["brake_engage_ticks"].max)
+    return min(math.ceil(engage_ms * TICKS_PER_MS - 1e-9), most)

@@ -29,8 +29,8 @@ ACKNOWLEDGED = mask("statusword", "acknowledged")
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
 STANDS_S = 2.0  # time in s at standstill after which an axis beside its target has not arrived
 # Longest time in s from the write of the controlword until the axis is disabled.
-# The time includes the deceleration of the axis to standstill.
-DISABLE_TIMEOUT_S = 2.0
+# The time includes the deceleration of the axis to standstill, and at most 1 s for its brake.
+DISABLE_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,9 @@ class StatusObjects:
 
 @dataclass(frozen=True)
 class StoppedObjects(StatusObjects):
-    """The statusword and the fault of an axis that is to be disabled."""
+    """The statusword, the native mode and the fault of an axis that is to be disabled."""
 
+    active_mode: str
     fault: str
 
 
@@ -201,15 +202,19 @@ class Drive(AxisValues):
         self.link.write({"controlword": SHUTDOWN})
 
     def off(self) -> None:
-        """Disables an enabled axis and waits until it is disabled, for at most 2 s by the clock of
-        the axis. Raises Refused, NoAnswer."""
-        state = self.record(StatusObjects).state
-        if state not in (*POWERED, "switched on"):
+        """Disables an enabled axis and waits until it is disabled and its brake has engaged, for at
+        most 3 s by the clock of the axis. Raises Refused, NoAnswer."""
+
+        def is_off(now: StoppedObjects) -> bool:
+            return now.state not in POWERED and now.active_mode == "disabled"
+
+        now = self.record(StoppedObjects)
+        if is_off(now) and now.state != "switched on":
             return
-        self.link.write({"controlword": DISABLE_VOLTAGE if "quick" in state else SHUTDOWN})
-        self.wait_for(
-            StoppedObjects, lambda s: s.state not in POWERED, "it to be disabled", DISABLE_TIMEOUT_S
-        )
+        if now.state in (*POWERED, "switched on"):
+            word = DISABLE_VOLTAGE if "quick" in now.state else SHUTDOWN
+            self.link.write({"controlword": word})
+        self.wait_for(StoppedObjects, is_off, "it to be disabled", DISABLE_TIMEOUT_S)
 
     def reset_fault(self) -> None:
         """Resets the fault of the axis, which stays disabled. Raises Refused, NoAnswer."""

@@ -27,7 +27,8 @@ from forceaxis.cli.live_options import AxisConnection, live, owned
 )  # fmt: skip
 @click.option(
     "--model", type=Subject(paths.MODELS),
-    help="Model of the axis, whose weight output_bias holds from the first motion on.",
+    help="Model of the axis: output_bias holds its weight from the first motion on, and its brake "
+    "gives brake_engage_ticks.",
 )  # fmt: skip
 @live
 @as_json
@@ -41,11 +42,12 @@ def check(
     At rest the command checks connection, object table, faults, enable chain, limit switches,
     position gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then
     it asks for your consent. The firmware tests encoder and signs in open loop, the axis moves out
-    and back within bounds, and the tare is taken. If a step fails, the axis does not move again. At
-    the end the axis is disabled and all parameters but force_tare have their earlier values.
+    and back within bounds, and the tare is taken. If a step fails, the axis does not move again.
 
-    An axis with a weight, by its model or by an output_bias other than 0, also gets the output_bias
-    that was measured at standstill. --output counts from it.
+    An axis with a weight, by its model or by an output_bias other than 0, gets the output_bias that
+    was measured at standstill; --output counts from it. The brake of the model gives
+    brake_engage_ticks. At the end the axis is disabled, and all parameters but these two and
+    force_tare have their earlier values.
 
     The exit status is 1 if a step fails. Without --yes and without a terminal the axis stays still.
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |

@@ -4,7 +4,7 @@ not moved."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,10 +28,11 @@ DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more ac
 FIRST_MOTION_REACH = 8
 # Default values of the move out and back: travel in encoder counts, and largest DAC code.
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
+# Smallest distance of the first motion test, divided by the way in which a drive with an integral
+# takes over the weight from the brake.
+SAG_FACTOR = 2.0
 # steps in which the axis moves
 MOVING_STEPS = ("first motion", "move", "weight")
-# Results of the first motion test of an axis whose weight output_bias does not hold.
-MOVED_BY_WEIGHT = ("amplifier_offset", "encoder_reversed", "runaway")
 # Times in s: for which the position law holds the axis before its output is read, and in which the
 # output at standstill is averaged. Difference in DAC codes between two outputs that counts as none.
 HOLD_S, AT_REST_S, SAME_CODES = 1.5, 0.5, 2.0
@@ -104,6 +105,7 @@ class CheckedObjects:
     position_gain: float
     output_limit: int
     output_bias: float
+    brake_engage_ticks: int
     dac_bits: int
     following_error_max: int
     speed_max: float
@@ -201,7 +203,7 @@ class MotionCheckResult:
 class MotionCheck:
     """The first motion test of an axis that this program owns and that is disabled. After run(),
     the axis is disabled, and all parameters have their previous values, except `force_tare` and,
-    for an axis with a weight, `output_bias`."""
+    for an axis with a weight or a brake, `output_bias` and `brake_engage_ticks`."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
@@ -214,6 +216,7 @@ class MotionCheck:
         self.weight = weight
         self.bias = 0.0  # value of output_bias during the motion
         self.learned: float | None = None  # value of output_bias that was measured
+        self.engages = 0  # value of brake_engage_ticks from the motion on
         self.steps: list[CheckStep] = []
 
     @property
@@ -232,6 +235,11 @@ class MotionCheck:
         if not self._table():
             return
         self.known = self.axis.record(CheckedObjects)
+        if self.weight:
+            sag = math.ceil(SAG_FACTOR * self.weight.sag_counts)
+            sag = min(sag, round(BY_NAME["first_motion_counts"].max))
+            counts = max(self.known.first_motion_counts, sag)
+            self.known = replace(self.known, first_motion_counts=counts)
         self.bias = self.known.output_bias
         if self.weight and not self.bias:
             self.bias = self._rounded(self.weight.codes)
@@ -252,6 +260,9 @@ class MotionCheck:
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         held = f"An output of {self.bias:g} codes holds its weight. " if self.bias else ""
+        if self.weight and self.weight.fall_m:
+            fall_mm = 1e3 * self.weight.fall_m
+            held += f"After a fault it falls {fall_mm:.2g} mm until its brake holds. "
         return (
             f"{held}It moves {counts} encoder counts in open loop, at most "
             f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
@@ -438,25 +449,31 @@ class MotionCheck:
             "following_error_max": _least(known.following_error_max, self.travel),
             "speed_max": _least(known.speed_max, 2 * known.first_motion_speed),
             "force_max": _least(known.force_max, force),
+            "first_motion_counts": known.first_motion_counts,
             "profile_enable": "trapezoid",
             "profile_velocity_max": self._speed(),
             "profile_acceleration_max": self._speed() / 100,
         }
         names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation",
-                 "output_bias"]  # fmt: skip
+                 "output_bias", "brake_engage_ticks"]  # fmt: skip
         before = self.axis.link.read(names)
+        self.engages = known.brake_engage_ticks
+        if self.weight:
+            ticks = bus_times.brake_ticks(1e3 * self.weight.engage_s)
+            self.engages = max(self.engages, ticks)
         try:
-            self.axis.set(**bounds, first_motion_test="off", output_bias=self.bias)
-            # A write to this object deletes the result of an earlier test.
-            self.axis.set(first_motion_test="on")
+            self.axis.set(**bounds, first_motion_test="off", output_bias=self.bias,
+                          brake_engage_ticks=self.engages)  # fmt: skip
             if not self._first_motion():
                 self._skip("an earlier step failed", "move", "weight")
                 return
             slow = _least(known.speed_max, MOVE_SPEED_MAX)
             self.axis.set(output_limit=self._limit(self.output), speed_max=slow)
             self._move()
-            if self.learned is not None and self.passed:
-                before["output_bias"] = client.to_raw("output_bias", self.learned)
+            if self.passed:
+                before["brake_engage_ticks"] = self.engages
+                if self.learned is not None:
+                    before["output_bias"] = client.to_raw("output_bias", self.learned)
         finally:
             self._put_back(before)
 
@@ -467,14 +484,14 @@ class MotionCheck:
             "position_max": min(self.known.position_max, self.start + self._span()),
         }
 
-    def _change_bias(self, bias: float, **more: client.Value) -> None:
-        """Disables the axis and writes a new output_bias. Until its brake holds, an axis with a
-        weight falls, so its motion begins from its new position."""
+    def _change_bias(self, bias: float) -> None:
+        """Disables the axis and writes a new output_bias. With an output_bias that is wrong, the
+        axis falls a little until its brake holds, so its motion begins from its new position."""
         self.axis.off()
         actions.wait_to_stand(self.axis)
         self.bias = bias
         most = self._limit(max(self.output, self.known.first_motion_code))
-        self.axis.set(output_bias=bias, output_limit=most, **more)
+        self.axis.set(output_bias=bias, output_limit=most)
         self.start = self.axis.integer("position")
         bounds = self._position_bounds()
         parameter_set.write(self.axis, bounds, self.axis.link.read(list(bounds)))
@@ -496,21 +513,25 @@ class MotionCheck:
         return self.weight is not None and self.weight.codes != 0
 
     def _enabled(self) -> str:
-        """Enables the axis in position mode. Returns the text of the error, or ""."""
+        """Enables the axis in position mode at its present position, whatever target was written
+        before. Returns the text of the error, or ""."""
         try:
-            self.axis.enable("native position")
+            here = self.axis.integer("position")
+            self.axis.enable("native position", position_setpoint=here)
         except (Refused, NoAnswer) as refusal:
             return str(refusal)
         return ""
 
     def _first_motion(self) -> bool:
+        """Runs the first motion test of the firmware, with an output_bias that holds the axis. The
+        test is in open loop, and if it finds that the axis moves by itself, the amplifier is off
+        before the brake holds, so the axis falls."""
+        if self.bias and not self._hold():
+            return False
+        # A write to this object deletes the result of an earlier test.
+        self.axis.set(first_motion_test="on")
         error = self._enabled()
         found = self.axis.record(FirstMotionObjects)
-        if found.first_motion_result in MOVED_BY_WEIGHT and self.bias:
-            if not self._hold():
-                return False
-            error = self._enabled()
-            found = self.axis.record(FirstMotionObjects)
         result = found.first_motion_result
         text = (
             f"{_words(result)}: {found.first_motion_moved} encoder counts at code "
@@ -526,27 +547,24 @@ class MotionCheck:
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _hold(self) -> bool:
-        """Lets the position law hold an axis that output_bias alone does not hold, and takes the
-        output at standstill as output_bias. The bounds are those of the first motion test: with a
-        reversed encoder the axis has a fault. Returns True if the axis was held."""
-        used, error, codes = self.bias, "", 0.0
-        try:
-            self.axis.reset_fault()
-            self._change_bias(self.bias, first_motion_test="off")
-            self.axis.enable("native position")
-            self.axis.link.wait(HOLD_S)
-            codes = self._codes_at_rest()
-            fault = str(self.axis.get("fault")["fault"])
-            error = "" if fault == "none" else _words(fault)
-        except (Refused, NoAnswer) as refusal:
-            error = str(refusal)
+        """Lets the position law hold the axis beside output_bias, whose value may be wrong, and
+        takes the output at standstill as output_bias. The bounds are those of the first motion
+        test: with a reversed encoder the axis has a fault. Returns True if the axis was held."""
+        used, codes = self.bias, 0.0
+        if not (error := self._enabled()):
+            try:
+                self.axis.link.wait(HOLD_S)
+                codes = self._codes_at_rest()
+                fault = str(self.axis.get("fault")["fault"])
+                error = "" if fault == "none" else _words(fault)
+            except (Refused, NoAnswer) as refusal:
+                error = str(refusal)
         if error or abs(codes - used) > HELD_TOLERANCE * abs(used):
             found = f"the axis has {error}" if error else f"{codes:.4g} codes hold the axis"
             return self._done("first motion", "failed", f"with output_bias {used:g} codes {found}: "
                               "check the sign of output_bias, moving mass and inclination, then "
                               "the directions of encoder and amplifier", used, codes)  # fmt: skip
-        # A write to first_motion_test deletes the result of an earlier test.
-        self._change_bias(self._rounded(codes), first_motion_test="on")
+        self._change_bias(self._rounded(codes))
         return True
 
     def _codes_at_rest(self) -> float:
@@ -564,7 +582,7 @@ class MotionCheck:
         if moved and self.bias and abs(moved.error) > ARRIVED_CNT:
             # The law needs a position error for the part of the weight that output_bias does not
             # hold. With the output that was measured, the axis has to arrive.
-            self._change_bias(self._rounded(moved.code), first_motion_test="off")
+            self._change_bias(self._rounded(moved.code))
             if error := self._enabled():
                 self._done("move", "failed", error)
                 return
@@ -584,11 +602,15 @@ class MotionCheck:
         """Compares the output at standstill with the weight of the model, and with output_bias of
         the axis. If the axis carries a weight, the output becomes its output_bias."""
         codes, model = moved.code, self.weight
+        spread = max(moved.spread, self.known.position_gain)  # an encoder count is so many codes
         text = f"{codes:.4g} codes at standstill"
+        brake = ""
+        if self.engages > self.known.brake_engage_ticks:
+            brake = f", brake_engage_ticks {self.engages}"
         if not self._weighs and not self.known.output_bias:
             if model and model.newton:
-                text += ", the drive holds the weight by itself"
-            offset = abs(codes) > moved.spread
+                text += f", the drive holds the weight by itself{brake}"
+            offset = abs(codes) > spread
             if offset:
                 text += ": trim the amplifier's offset" + (
                     "" if model else "; if the axis carries a weight, give its model"
@@ -596,12 +618,12 @@ class MotionCheck:
             self._done("weight", "noted" if offset else "passed", text, codes)
             return
         self.learned = self._rounded(codes)
-        kept = f"output_bias {self.learned:g} codes; `axis params store` keeps it"
+        kept = f"output_bias {self.learned:g} codes{brake}; `axis params store` keeps it"
         if model is None or not self._weighs:
             self._done("weight", "passed", f"{text}, {kept}", codes, self.known.output_bias)
             return
         newton = -codes * model.newton_per_code
-        if abs(codes - model.codes) <= max(moved.spread, WEIGHT_TOLERANCE * abs(model.codes)):
+        if abs(codes - model.codes) <= max(spread, WEIGHT_TOLERANCE * abs(model.codes)):
             self._done("weight", "passed", f"weight of {newton:.4g} N, {kept}", codes, model.codes)
             return
         self._done("weight", "noted", f"weight of {newton:.4g} N ({codes:.4g} codes), but by the "

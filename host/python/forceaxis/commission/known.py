@@ -39,6 +39,7 @@ DRIVE_SPREADS = {
 POSTERIOR_SPREAD_MIN = 0.01
 # A drive has an integral if its force for the same DAC code is this many times larger at STEADY_HZ.
 INTEGRAL_RATIO = 10.0
+INTEGRAL_BAND_HZ = (1.0, 100.0)  # frequency band in which a drive without an integral has one force
 # Time step in s of a step response, and its number of time steps.
 # The step response reaches its peak within a few time constants.
 STEP_S, STEP_COUNT = 1e-5, 300
@@ -248,10 +249,16 @@ def drive(
 class Weight:
     """The weight of an axis by its model: the force of gravity along the axis in N, positive toward
     the workpiece, and the force of the drive at standstill in N per DAC code. This force is
-    infinity for a drive whose velocity loop has an integral."""
+    infinity for a drive whose velocity loop has an integral. `engage_s`: time in s until the brake
+    holds, 0 without a brake. `fall_m`: way in m of an axis without friction in this time.
+    `sag_counts`: way in encoder counts until a drive with an integral holds the weight after its
+    brake has opened, 0 for other drives."""
 
     newton: float
     newton_per_code: float
+    engage_s: float = 0.0
+    fall_m: float = 0.0
+    sag_counts: float = 0.0
 
     @property
     def codes(self) -> float:
@@ -266,13 +273,26 @@ def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weig
     parameters = linear.facts(model, overrides).parameters
     table = toml.read(str(model))
     masses = {body["name"]: body["mass"] for body in table.get("body", ())}
-    total = 0.0
+    total = moving = sag = 0.0
+    holds = has_integral(model, INTEGRAL_BAND_HZ, overrides)
     for row in table.get("gravity", ()):
         given = row["acceleration"]
         acceleration = working.number(given[0] if isinstance(given, list) else given, parameters)
         mass = working.number(masses.get(row["body"]), parameters)
-        total += (acceleration or 0.0) * (mass or 0.0)
-    return Weight(total, newton_per_code(model, overrides))
+        newton = (acceleration or 0.0) * (mass or 0.0)
+        total += newton
+        moving += mass or 0.0
+        if holds and newton:
+            pull = (f"{row['body']}.force",)
+            plant = linear.linearise(str(model), pull, ("encoder",), overrides, free=True)
+            sag += newton * plant.at(2j * math.pi * STEADY_HZ).item().real
+    engages = [
+        working.number(row.get("engage"), parameters) or 0.0 for row in table.get("brake", ())
+    ]
+    engage_s = max(engages, default=0.0)
+    fall_m = abs(total / moving) * engage_s**2 / 2 if moving else 0.0
+    per_code = math.inf if holds else newton_per_code(model, overrides)
+    return Weight(total, per_code, engage_s, fall_m, abs(sag))
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -57,6 +57,7 @@ WHY = {
     "cycle_age_max": "the largest age while no value is missing; an older one makes a part bad",
     "drive_on_ticks_max": "longer than drive_wait (5 s), so that the reason of the drive comes "
     "first",
+    "brake_engage_ticks": "until the brake holds, the amplifier stays on when the axis is disabled",
 }
 
 
@@ -156,7 +157,8 @@ def bus_ticks(v: SheetValues) -> int:
 
 def firmware_times(v: SheetValues) -> list[FirmwareTime]:
     """Returns the times of those firmware objects whose default is too short for the axis. The
-    times follow from the cycle of the bus, the rate of the sensor and the start of the drive.
+    times follow from the cycle of the bus, the rate of the sensor, the start of the drive and the
+    brake.
     Raises InputError if the cycle of the bus is not a multiple of 2 ms, or if a reading of the
     force is older than the firmware can measure."""
     cycle = bus_ticks(v) if v.bus_cycle_ms is not None else None
@@ -177,6 +179,9 @@ def firmware_times(v: SheetValues) -> list[FirmwareTime]:
     on = bus_times.on_ticks(objects.default("drive_wait"), objects.default("drive_sdo_timeout"))
     if cycle and on > objects.default("drive_on_ticks_max"):
         found.append(FirmwareTime("drive_on_ticks_max", on, WHY["drive_on_ticks_max"]))
+    if v.brake_holding_n is not None and v.brake_engage_ms > 0:
+        name = "brake_engage_ticks"
+        found.append(FirmwareTime(name, bus_times.brake_ticks(v.brake_engage_ms), WHY[name]))
     return found
 
 

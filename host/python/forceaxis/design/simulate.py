@@ -70,6 +70,7 @@ LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default o
 KEPT = (
     "position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign",
     "rated_force", "position_age_max", "force_age_max", "drive_on_ticks_max", "output_bias",
+    "brake_engage_ticks",
 )  # fmt: skip
 # Factors by which the impulse of a simulated impact is multiplied in a series of impacts.
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)

@@ -1,0 +1,243 @@
+"""Vertical axes drawn by chance, through the verbs of a user: check, move, press with a retract,
+press cycle. Weights as the model says, wrong by a fifth, of a counterbalance, of the wrong sign:
+the axis does what the same axis does level, or is refused, and never falls.
+
+FORCEAXIS_VERTICAL=50 tries so many of each kind of drive.
+"""
+
+import dataclasses
+import functools
+import itertools
+import os
+
+import drawn_machines
+import pytest
+from forceaxis import linear
+from forceaxis.axis import actions
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.sim import SimLink
+from forceaxis.commission import known
+from forceaxis.commission.check import MotionCheck
+from forceaxis.cycles import live
+from forceaxis.design import data_sheet, new
+
+KINDS = ("voice_coil", "torque", "linear", "velocity", "amplifier")
+COUNT = int(os.environ.get("FORCEAXIS_VERTICAL", "1"))
+# {name: (true weight over that of the data sheet, weight over it that the model has)}
+WEIGHTS = {
+    "right": (1.0, 1.0), "light": (0.8, 1.0), "heavy": (1.2, 1.0), "counterbalance": (-0.6, -0.6),
+    "wrong sign": (1.0, -1.0),
+}  # fmt: skip
+CYCLE = """
+title = "A held force"
+number = 1
+[[phase]]
+name = "approach"
+do = "approach"
+distance = "{reach} mm"
+speed = "{speed} mm/s"
+force_max = "{most} N"
+travel_max = "{travel} mm"
+time_max = "60 s"
+on_limit = "retract"
+[[phase.end]]
+when = "contact"
+next = "press"
+[[phase]]
+name = "press"
+do = "press"
+force = "{force} N"
+slope = "{slope} N/s"
+force_max = "{most} N"
+travel_max = "{travel} mm"
+time_max = "10 s"
+on_limit = "retract"
+[[phase.end]]
+when = "time"
+value = "2 s"
+next = "retract"
+[[phase]]
+name = "retract"
+do = "move_to_depth"
+distance = "-{back} mm"
+speed = "{speed} mm/s"
+force_max = "{most} N"
+travel_max = "{travel} mm"
+time_max = "60 s"
+[[phase.end]]
+when = "reached"
+next = "end"
+[[element]]
+name = "held"
+kind = "envelope"
+phases = ["press"]
+over = "time"
+from = "1.5 s"
+to = "1.9 s"
+lower_x = [0, 3]
+lower_force = ["{low} N", "{low} N"]
+upper_x = [0, 3]
+upper_force = ["{most} N", "{most} N"]
+"""
+
+
+class Session:
+    """An axis as delivered, with the weight that its model has, and a twin of it that lies level:
+    the same files, and no gravity."""
+
+    def __init__(self, folder, machine, first, true, model):
+        self.machine, self.folder = machine, folder
+        self.force_N = float(f"{first.setpoint_N:.4g}")
+        sheet = known.weight(folder / "model.toml")
+        self.weight = dataclasses.replace(sheet, newton=model * sheet.newton)
+        self.true_N = true * sheet.newton
+        self.wrong_N = (true - model) * sheet.newton
+        acceleration = linear.facts(str(folder / "model.toml")).parameters["g_axis"][0]
+        # Somebody who checks an axis leaves it room to fall until its brake holds, and more.
+        self.room_mm = machine.number("approach_mm") + 5e3 * sheet.fall_m
+        self.axis = Axis(SimLink(folder / "contact.toml", [
+            f"g_axis={true * acceleration!r}", f"approach={1e-3 * self.room_mm!r}",
+            "firmware.output_bias=0", "firmware.brake_engage_ticks=0",
+        ]))  # fmt: skip
+        self.axis.acquire()
+        self.live = self.axis.link.axis
+        self.counts_per_mm = 1e-3 * self.axis.link.counts_per_metre
+        self.place = self.axis.integer("position")
+        self.done = {}
+
+    def check(self):
+        run = MotionCheck(self.axis, weight=self.weight)
+        run.run(lambda text: True)
+        # The largest distance that the text of the command says.
+        self.span = max(run.travel, 8 * run.known.first_motion_counts) + 20
+        return {step.step: step for step in run.steps}
+
+    def move(self):
+        """2 mm away from the workpiece; the error in mm."""
+        target = self.axis.integer("position") - round(2 * self.counts_per_mm)
+        place = actions.move(self.axis, target, counts=100).position
+        return (place - target) / self.counts_per_mm
+
+    def press(self):
+        order = actions.PressOrder(
+            seconds=2.0, approach_s=60.0, force_max=f"{self.most_N} N", retract="2 mm"
+        )
+        return actions.press(self.axis, actions.Force(self.force_N, True), order)
+
+    def cycle(self):
+        """The state of the part, in a program that presses and goes back."""
+        reach = 10 + self.room_mm
+        speed = self.axis.number("approach_velocity_max") / self.counts_per_mm
+        file = self.folder / "cycle.toml"
+        file.write_text(CYCLE.format(
+            reach=reach, travel=2 * reach, speed=float(f"{speed:.3g}"), force=self.force_N,
+            slope=10 * self.force_N,
+            most=self.most_N, low=float(f"{0.1 * self.force_N:.3g}"), back=2,
+        ))  # fmt: skip
+        wanted = live.live_program(self.folder / "contact.toml", program=file)
+        live.load(self.axis, wanted)
+        return live.start(self.axis, wanted, 200.0) or self.axis.text("cycle_state")
+
+    @property
+    def most_N(self):
+        return float(f"{2 * self.force_N + 0.15 * self.machine.full_N:.4g}")
+
+    def falls(self, newton, speed=0.0):
+        """Largest distance in counts of an axis that `newton` move until it has a speed in m/s, and
+        then until its brake, which closes, has stopped it."""
+        mass, t = (
+            self.machine.number("moving_mass_kg"),
+            self.machine.number("brake_engage_ms") / 1e3,
+        )
+        hold = (self.machine.number("brake_holding_n") - abs(self.true_N)) / mass
+        a = max(abs(newton) / mass, 1e-9)
+        speed += 2 * a / 1500  # a tick of twice the force
+        way = speed**2 / (2 * a) + speed * t + a * t**2 / 2 + (speed + a * t) ** 2 / (2 * hold)
+        return 1e3 * way * self.counts_per_mm
+
+    def expect_held(self, bound, toward=0.0):
+        """The axis stands still, disabled, and was within `bound` counts of where it was when this
+        was asked last, and of what it was asked to do."""
+        assert self.axis.read("active_mode") == "disabled"
+        self.axis.link.wait(0.3)
+        rests = self.axis.integer("position")
+        self.axis.link.wait(1.0)
+        assert abs(self.axis.integer("position") - rests) <= 1
+        reached = self.live.extremes
+        assert reached["position_min_cnt"] >= self.place - bound
+        assert reached["position_max_cnt"] <= self.place + bound + toward
+        assert reached["force_N"] <= self.most_N
+        self.place = rests
+        self.live.reset_extremes()
+
+
+CASES = [
+    pytest.param(kind, number, name, id=f"{kind}-{number}-{name}")
+    for kind, number, name in itertools.product(KINDS, range(COUNT), WEIGHTS)
+]
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """A function that gives (folder, machine, what `forceaxis new` says, what it does level)."""
+    folder = tmp_path_factory.mktemp("vertical")
+
+    @functools.cache
+    def of(kind, number):
+        """Without machines that a check refuses when they lie level, such as those whose sensor
+        has more noise than contact_force."""
+        found = 0
+        for seed in itertools.count():
+            machine = drawn_machines.draw("vertical", seed, exact=True)
+            if machine.drive != kind:
+                continue
+            place = folder / f"{kind}{seed}"
+            given = {key: str(value) for key, value in machine.sheet.items()}
+            first = new.write(place, *data_sheet.collect(given))
+            level = Session(place, machine, first, 0.0, 0.0)
+            refused = any(step.verdict == "failed" for step in level.check().values())
+            if not refused and found == number:
+                return place, machine, first, (level.move(), level.press(), level.cycle())
+            found += not refused
+
+    return of
+
+
+@pytest.mark.parametrize(("kind", "number", "name"), CASES)
+def test_a_vertical_axis_does_what_a_level_one_does_or_is_refused(drawn, kind, number, name):
+    folder, machine, first, level = drawn(kind, number)
+    session = Session(folder, machine, first, *WEIGHTS[name])
+    axis = session.axis
+    axis.link.wait(0.2)
+    session.live.reset_extremes()
+    steps = session.check()
+    # The bounds of the check. A wrong sign ends with a fault, at a speed that the check bounds.
+    speed = 2e-3 * 1500 * axis.number("first_motion_speed") / session.counts_per_mm
+    refused = name == "wrong sign" and session.weight.codes
+    falls = session.falls(session.true_N, speed) if refused else session.falls(session.wrong_N)
+    wide = session.span + falls
+    failed = [step for step in steps.values() if step.verdict == "failed"]
+    session.expect_held(wide)
+    if refused:
+        (step,) = failed
+        assert step.step == "first motion" and "sign of output_bias" in step.text
+        assert axis.read("output_bias") == 0
+        return
+    assert not failed, failed
+    wrong = name in ("light", "heavy") and session.weight.codes
+    assert steps["weight"].verdict == ("noted" if wrong else "passed"), steps["weight"]
+
+    # From here on the bias holds the axis, but for its resolution and noise.
+    code_N = session.weight.newton_per_code if session.weight.codes else 0.0
+    fall = 20 + session.falls(0.03 * abs(session.true_N) + 3 * code_N)
+    away, press, cycle = level
+    assert session.move() == pytest.approx(away, abs=0.02)
+    session.expect_held(2.1 * session.counts_per_mm + fall)
+    reach = (4 + session.room_mm) * session.counts_per_mm + wide
+    pressed = session.press()
+    newton = machine.full_N / 128
+    assert pressed.force_N == pytest.approx(press.force_N, abs=0.6 * newton)
+    assert pressed.peak_N <= 1.1 * press.peak_N + newton
+    session.expect_held(3 * session.counts_per_mm + fall, reach)
+    assert session.cycle() == cycle
+    session.expect_held(3 * session.counts_per_mm + fall, reach)
