@@ -26,8 +26,8 @@ from tick_profile import (
     Profile,
 )
 
-AXIS = 340  # axis_tick() and what it calls, with the laws of the thesis
-BANKED = 565  # the same with a bank of the force law and bounds of the drive
+AXIS = 330  # axis_tick() and what it calls, with the laws of the thesis
+BANKED = 550  # the same with a bank of the force law and bounds of the drive
 # What follows it in most ticks, with the arming of the black box; resets and the store are apart.
 BETWEEN = 3800
 # The same in a cycle with sixteen elements that are all crossed at once, of two ticks: less than

@@ -115,7 +115,7 @@ VALUES = {
     "output_limit": [100, 2047, 2048, 2048],
     "latency_ticks": [0, 1],
     "output_bias": [0, 0, 16384, -4806],
-    "brake_engage_ticks": [0, 0, 3, 45],
+    "brake_engage_ticks": [0, 0, 0, 2],
     "bump_decay_shift": [0, 1, 6, 12],
     "following_error_max": [0, 0, 0, 30, 2147483647],
     "speed_max": [0, 0, 0, 40, 2147483647],

@@ -191,7 +191,7 @@ def drawn(tmp_path_factory):
             machine = drawn_machines.draw("vertical", seed, exact=True)
             if machine.drive != kind:
                 continue
-            place = folder / f"{kind}{seed}"
+            place = folder / f"{kind}{number}-{seed}"
             given = {key: str(value) for key, value in machine.sheet.items()}
             first = new.write(place, *data_sheet.collect(given))
             level = Session(place, machine, first, 0.0, 0.0)
