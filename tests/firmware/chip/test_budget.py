@@ -32,7 +32,7 @@ BANKED = 550  # the same with a bank of the force law and bounds of the drive
 BETWEEN = 3800
 # The same in a cycle with sixteen elements that are all crossed at once, of two ticks: less than
 # half of them.
-EVALUATION = 43_000
+EVALUATION = 40_000
 COVERAGE = 0.95
 SAME_TICKS = 15_000
 
