@@ -135,7 +135,6 @@ static void hold_for_brake(axis_t *restrict axis, uint8_t digital_inputs,
   axis->brake_tick = (uint16_t)(brake_tick + 1);
   axis->rebase = 1;
   const int32_t output_q16 = limits_block(axis, digital_inputs, axis->bias_q16);
-  axis->net_q16 = output_q16 - axis->bias_q16;
   put_out(signals, output_q16);
   signals->active_mode = AXIS_MODE_OPEN_LOOP;
   signals->command_code = signals->dac_code;
@@ -220,7 +219,6 @@ static inline void assert_after_tick(const axis_t *axis, const axis_outputs_t *o
 static inline void set_output(axis_t *restrict axis, uint8_t digital_inputs, int32_t due_q16) {
   axis_signals_t *signals = &axis->signals;
   const int32_t output_q16 = limits_apply(axis, digital_inputs, due_q16);
-  axis->net_q16 = output_q16 - axis->bias_q16;
   put_out(signals, output_q16);
 }
 

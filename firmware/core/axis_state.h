@@ -98,7 +98,7 @@ typedef struct {
   /* value of output_bias in 1/65536 code, rounded to the resolution of dac_bits and limited to
    * output_limit */
   int32_t bias_q16;
-  /* last output minus bias_q16, in 1/65536 code; 0 while the axis is disabled */
+  /* last output beside bias_q16, in 1/65536 code; 0 while disabled, or stopped by an end */
   int32_t net_q16;
   /* Ranges of DAC codes. Each is a range of the command, to which the output bias is added
    * afterwards. free_codes: range of the output in a tick without contact. */

@@ -53,13 +53,16 @@ int32_t limits_block(axis_t *axis, uint8_t digital_inputs, int32_t output_q16) {
   const int32_t most_q16 = drives_up(bias_q16, velocity) ? 0 : bias_q16;
   const int32_t least_q16 = drives_down(bias_q16, velocity) ? 0 : bias_q16;
   int32_t held_q16 = output_q16;
+  axis->net_q16 = output_q16 - bias_q16;
   if (held_q16 > most_q16 && (switch_pos || axis->signals.position > axis->params.position_max)) {
     held_q16 = most_q16;
+    axis->net_q16 = 0;
     axis->signals.limit_reason =
         switch_pos ? AXIS_LIMIT_REASON_LIMIT_SWITCH_POS : AXIS_LIMIT_REASON_POSITION_MAX;
   }
   if (held_q16 < least_q16 && (switch_neg || axis->signals.position < axis->params.position_min)) {
     held_q16 = least_q16;
+    axis->net_q16 = 0;
     axis->signals.limit_reason =
         switch_neg ? AXIS_LIMIT_REASON_LIMIT_SWITCH_NEG : AXIS_LIMIT_REASON_POSITION_MIN;
   }

@@ -33,15 +33,16 @@ static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
 int32_t limits_bound(axis_t *axis, int32_t command_q16);
 int32_t limits_bound_late(axis_t *axis, int32_t command_q16);
 
-/* Bounds an output, in 1/65536 code, whose axis is beyond a position limit or at a limit switch.
- * See limits_apply(). */
+/* Bounds an output, in 1/65536 code, whose axis is beyond a position limit or at a limit switch,
+ * and writes axis->net_q16. See limits_apply(). */
 int32_t limits_block(axis_t *axis, uint8_t digital_inputs, int32_t output_q16);
 
 /* Returns the output that the limits permit for a command. Command and output are in 1/65536 code.
  * The output bias axis->bias_q16 is added here. The output is the sum itself, the output bias, or a
- * whole code, and is within -2048..2047 codes. Writes the active limit, AXIS_LIMIT_REASON_, to
- * signals.limit_reason, which keeps its value if no limit is active. If several limits are active,
- * the last one in this list is the reason:
+ * whole code, and is within -2048..2047 codes. Writes the output beside the output bias to
+ * axis->net_q16, where a command that an end of the travel stops is 0. Writes the active limit,
+ * AXIS_LIMIT_REASON_, to signals.limit_reason, which keeps its value if no limit is active. If
+ * several limits are active, the last one in this list is the reason:
  *   dac_saturation   the sum is beyond -2048..2047 codes
  *   output_limit     the sum is beyond +-output_limit, and output_limit is below 2048
  *   position_max     position > position_max, and the command is positive: the output becomes the
@@ -75,7 +76,11 @@ static inline int32_t limits_apply(axis_t *axis, uint8_t digital_inputs, int32_t
   const bool is_within = (digital_inputs & switches) == 0 &&
                          signals->position <= params->position_max &&
                          signals->position >= params->position_min;
-  return is_within ? limited_q16 : limits_block(axis, digital_inputs, limited_q16);
+  if (!is_within) {
+    return limits_block(axis, digital_inputs, limited_q16);
+  }
+  axis->net_q16 = limited_q16 - axis->bias_q16;
+  return limited_q16;
 }
 
 /* Writes the reason drive_limit to *reason if a drive on a bus reports a limit of its own and no

@@ -413,7 +413,9 @@ class Flood {
     Command(0x80);
     Command(0x00);
     Tick();
-    if (const State state = Now(); state == kOff || state == kReady) DrawLaw();
+    const State stopped = Now();
+    const bool off = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_DISABLED;
+    if (off && (stopped == kOff || stopped == kReady)) DrawLaw();
     const int mode = drawn_.Mode();
     Write(oracle_.owner, AXIS_OBJ_MODES_OF_OPERATION, mode, oracle_.Other(oracle_.owner));
     Command(0x06);

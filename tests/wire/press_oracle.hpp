@@ -97,15 +97,17 @@ class PressOracle {
     std::string wrong = codes_.Judge(then.code, in, out, presses, presses ? uncertified : -1);
     if (!wrong.empty()) return wrong;
     if (native && then.law && now_.law && uncertified >= 0 &&
-        std::abs(CodeOracle::Net(then.code, out)) > uncertified) {
+        std::abs(CodeOracle::Net(then.code, in, out)) > uncertified) {
       return Said("the code of a law without a certificate", out.dac_code, uncertified);
     }
     wrong = Faults(then, in, out);
     if (wrong.empty() && presses) wrong = Demand(then);
     if (!wrong.empty()) return wrong;
+    // Where the weight moves the axis back from an end, no code does.
+    const bool released = CodeOracle::Released(then.code, in, out);
     const int ahead = speeds_.Judge({then.parameters.touch_speed, then.parameters.gain_q8},
-                                    in.encoder_cnt, CodeOracle::Net(then.code, out), now_.law,
-                                    native && then.law && now_.law, touches);
+                                    in.encoder_cnt, CodeOracle::Net(then.code, in, out), now_.law,
+                                    native && then.law && now_.law && !released, touches);
     return ahead == 0 ? "" : Said("the way beyond touch_velocity_max", ahead, 0);
   }
 

@@ -57,8 +57,18 @@ class CodeOracle {
     return bounds.sign * (in.adc_code[0] - bounds.zero_code) * step - bounds.tare_q8;
   }
 
-  // The output about output_bias, in whole codes away from 0.
-  static int Net(const Bounds &bounds, const axis_outputs_t &out) {
+  // The bias was taken away at an end of the travel, beyond which it drove the axis.
+  static bool Released(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out) {
+    const auto switches = AXIS_DIGITAL_INPUTS_LIMIT_POSITIVE | AXIS_DIGITAL_INPUTS_LIMIT_NEGATIVE;
+    const bool ends = (in.din & switches) != 0 || in.encoder_cnt > bounds.position_max ||
+                      in.encoder_cnt < bounds.position_min;
+    return ends && out.dac_fine == 0 && bounds.bias_fine != 0;
+  }
+
+  // The output about output_bias, in whole codes away from 0; a bias that was taken away is no
+  // command against it.
+  static int Net(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out) {
+    if (Released(bounds, in, out)) return 0;
     const int fine = out.dac_fine - bounds.bias_fine;
     return (fine > 0 ? fine + 15 : fine - 15) / 16;
   }
@@ -104,7 +114,7 @@ class CodeOracle {
 
   std::string Wrong(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out,
                     bool presses, bool touches, std::int32_t uncertified, std::int32_t test_code) {
-    const int code = Net(bounds, out);
+    const int code = Net(bounds, in, out);
     if (out.amp_enable == 0) {
       return out.dac_code == 0 && out.brake_release == 0 ? "" : Said("the amplifier is off", code);
     }
