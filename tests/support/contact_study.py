@@ -1,13 +1,28 @@
 """Machines that are drawn at random, touch a workpiece, and are identified from their recordings by
-`forceaxis identify contact`; docs/studies/contact_study.md has the results."""
+`forceaxis identify contact`; docs/studies/contact_study.md has the results.
 
+    python tests/support/contact_study.py 40    # machines that are nearly their model, a row each
+"""
+
+import json
 import math
+import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from forceaxis import _core
-from forceaxis.commission import contact_fit
-from forceaxis.commission.contact_fit import ContactOrder
+from forceaxis.commission import (
+    contact_check,
+    contact_error,
+    contact_fit,
+    contact_sampler,
+    contact_search,
+)
+from forceaxis.commission.contact_fit import REJECTED_BELOW, ContactOrder
+from forceaxis.commission.contact_likelihood import ContactProblem
+from forceaxis.commission.contact_sampler import Drawn
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.signal_recording import (
     RecordedSignal,
@@ -34,6 +49,7 @@ PARAMETERS = {
     "m_r": ("m_r", "kg", 0.05),
 }
 FITTED = ("m_w", "k_w", "b_w", "f_c", "lag")
+NEARLY = (*FITTED, "k_s")  # for a machine that is nearly its model
 # Structures that the model does not have: changes of the machine, and the element that explains it.
 LACKING = {
     "stiffening contact": {"k_core": 3e5, "core_gap": 6e-5},
@@ -258,9 +274,8 @@ def foreseen(seed, folder):
     return rows
 
 
-def lacking(name, seed, folder):
-    """Identifies a machine with an element that its model lacks. Returns the p value, and the names
-    of the elements that explain it, the best first."""
+def lacking_order(name, seed, folder):
+    """Returns the order to identify a machine with an element that its model lacks."""
     rng = np.random.default_rng([37, seed])
     change = {
         field: value * math.exp(0.3 * rng.standard_normal()) if value else value
@@ -270,11 +285,17 @@ def lacking(name, seed, folder):
     machine = plain.but(**change)
     read = sensors(12 if seed % 2 else 8)
     names = ("m_w", "k_w", "b_w", "k_s", "b_r")
-    order = order_of(
+    return order_of(
         Path(folder), sheet_of(plain, names, seed), read, touched(machine, read, seed, 0.03), names
     )
+
+
+def lacking(name, seed, folder):
+    """Identifies a machine with an element that its model lacks, by an exact model. Returns whether
+    it is rejected, the p value, and the names of the elements that explain it, the best first."""
+    order = replace(lacking_order(name, seed, folder), model_error={})
     found = contact_fit.identify(order).result
-    return found.p_value, [one.name for one in found.elements]
+    return found.rejected, found.p_value, [one.name for one in found.elements]
 
 
 def stiffening(seed, folder):
@@ -339,3 +360,63 @@ def rank(seed, folder):
     return found.p_value, {
         name: int(np.sum(chosen[:, i] < true[name])) for i, name in enumerate(found.posterior.names)
     }
+
+
+def nearly(seed):
+    """Returns a machine as drawn() does, and the same machine a little beside its model: gains of
+    the drive, friction law and contact law are not those that the model can have."""
+    machine, read, gain = drawn(seed)
+    rng = np.random.default_rng([41, seed])
+
+    def off(deviation):
+        return 1 + deviation * float(rng.standard_normal())
+
+    beside = machine.but(
+        speed_per_volt=machine.speed_per_volt * off(0.01), k_act=machine.k_act * off(0.02),
+        a_act=machine.a_act * off(0.05), stribeck=0.2 * float(rng.random()), power=off(0.005),
+    )  # fmt: skip
+    return machine, beside, read, gain
+
+
+def nearly_identified(seed, folder, is_sampled):
+    """Identifies a machine beside its model with the default error of the model, and the machine of
+    the model with an exact model. Returns p values and, for mass and stiffness of the workpiece,
+    whether the interval of 95 % holds the truth, and how much wider it is than that of the machine
+    of the model. `is_sampled`: True for intervals of the sampler, and False for those of the normal
+    distribution at the most likely plant."""
+    machine, beside, read, gain = nearly(seed)
+    sheet, logs = sheet_of(machine, NEARLY, seed), []
+    row = {"seed": seed, "bits": read.bits}
+    for number, one in enumerate((beside, machine)):
+        order = order_of(
+            Path(folder) / str(number), sheet, read, touched(one, read, seed, gain), NEARLY
+        )
+        data, _ = contact_fit.read_recordings(order)
+        problem = ContactProblem(order.model, data, contact_fit.prior_of(order), {}, 2)
+        point, _ = contact_search.search(problem, 1)
+        if number == 0:
+            row["p_exact"] = contact_check.check(problem, point).p
+            is_rejected = row["p_exact"] < REJECTED_BELOW
+            found = contact_error.searched(problem, point, is_rejected, 1)
+            problem, point = found.same, found.point
+            row["p"] = contact_check.check(found.own, point).p
+            sizes = contact_error.sizes_of(problem, point)
+            row["errors"] = {kind: (size.share, size.size) for kind, size in sizes.items()}
+        covariance = contact_search.covariance(problem, point)
+        if is_sampled:
+            sampled = contact_sampler.sample(problem, Drawn(point, covariance), 1)
+            logs.append(np.quantile(sampled.points[:, :2], (0.025, 0.975), axis=0))
+        else:
+            logs.append(point[:2] + 1.96 * np.sqrt(np.diag(covariance))[:2] * [[-1], [1]])
+    truth = np.log([machine.m_w, machine.k_w])
+    row["inside"] = [bool(x) for x in (logs[0][0] <= truth) & (truth <= logs[0][1])]
+    row["wider"] = (np.ptp(logs[0], axis=0) / np.ptp(logs[1], axis=0)).tolist()
+    row["off"] = (logs[0].mean(axis=0) - truth).tolist()
+    return row
+
+
+if __name__ == "__main__":
+    for seed in range(int(sys.argv[1])):
+        with tempfile.TemporaryDirectory() as folder:
+            row = nearly_identified(seed, folder, is_sampled="sampled" in sys.argv)
+            print(json.dumps(row), flush=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 TICK_S = 1 / 1500
 GAP_M = 0.002  # distance of the workpiece at the start
+POWER_M = 1e-4  # overlap in m at which the force does not depend on the exponent of the contact
 PARTS = 16  # steps of the method in a tick
 DAC_VOLTS_PER_CODE = 20 / 4096
 
@@ -29,7 +30,12 @@ class Machine:
     k_w: float = 4e5
     b_w: float = 150.0
     f_c: float = 0.0  # dry friction of the guide in N
+    # Friction law of Stribeck: f_c (1 + stribeck exp(-(v / slow)^2)), with `slow` in m/s.
+    stribeck: float = 0.0
+    slow: float = 0.01
     lag_rad_s: float = 0.0  # corner of the sensor's filter
+    # Exponent of the force of the contact over its overlap; the force at 0.1 mm stays the same.
+    power: float = 1.0
     k_core: float = 0.0  # stiffness that a stiffening contact adds behind `core_gap`
     core_gap: float = 0.0
     slip_stiffness: float = 0.0  # spring of a dry slider beside the contact
@@ -82,9 +88,11 @@ class _State:
         overlap, rate = y[0] - y[2], y[1] - y[3]
         spring, damping = 0.0, 0.0
         if overlap > 0:
-            total = m.k_s * overlap + m.b_s * rate
-            if total > 0:
-                spring, damping = m.k_s * overlap, m.b_s * rate
+            pushed = m.k_s * overlap
+            if m.power != 1.0:
+                pushed *= (overlap / POWER_M) ** (m.power - 1)
+            if pushed + m.b_s * rate > 0:
+                spring, damping = pushed, m.b_s * rate
         if m.slip_stiffness and overlap > 0:
             bound = m.slip_force / m.slip_stiffness
             e = min(max(self.slip + overlap - self.was, -bound), bound)
@@ -100,6 +108,11 @@ class _State:
         half = m.play / 2
         return m.k_play * (d - half) if d > half else m.k_play * (d + half) if d < -half else 0.0
 
+    def sliding(self, speed):
+        """Returns the size of the dry friction at a speed."""
+        m = self.machine
+        return m.f_c * (1 + m.stribeck * math.exp(-((speed / m.slow) ** 2)) if m.stribeck else 1.0)
+
     def rates(self, y, volts):
         m = self.machine
         spring, damping = self.contact(y)
@@ -110,7 +123,7 @@ class _State:
         slide = pushed - m.b_r * y[1] - force
         friction = 0.0
         if m.f_c:
-            friction = slide if self.sticks else m.f_c * self.slides
+            friction = slide if self.sticks else self.sliding(y[1]) * self.slides
         mass = m.m_r - m.rotor
         read = y[5]
         return [
@@ -130,7 +143,7 @@ class _State:
             spring, damping = self.contact(y)
             pushed = self.play_force(y) if m.rotor else y[4]
             wanted = pushed - m.b_r * y[1] - spring - damping
-            self.sticks = y[1] == 0.0 and abs(wanted) <= m.f_c
+            self.sticks = y[1] == 0.0 and abs(wanted) <= self.sliding(0.0)
             self.slides = math.copysign(1.0, y[1] or wanted)
         k1 = self.rates(y, volts)
         k2 = self.rates([a + h / 2 * b for a, b in zip(y, k1, strict=True)], volts)

@@ -13,9 +13,11 @@ import pytest
 import verbs
 from forceaxis import _core, paths
 from forceaxis._core import InputError
+from forceaxis.cli.contact import rows_of
 from forceaxis.commission import (
     contact_check,
     contact_data,
+    contact_error,
     contact_fit,
     contact_sampler,
     contact_search,
@@ -26,7 +28,9 @@ from forceaxis.commission.contact_sampler import Drawn
 from forceaxis.commission.contact_workers import ContactsOrder, run_rows
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior, working
-from forceaxis.recordings import signal_recording
+from forceaxis.recordings import model_error, signal_recording
+from forceaxis.recordings.model_error import ErrorSize
+from forceaxis.results import to_json
 
 MACHINE = hidden_machine.Machine(f_c=4.0, lag_rad_s=1500.0, b_w=80.0)
 
@@ -143,6 +147,89 @@ def test_a_contact_that_follows_soon_belongs_to_the_touch_down_before_it(tmp_pat
     assert [len(touch.volts) for touch in data.touches] == [len(one.codes)]
 
 
+def test_a_machine_that_is_nearly_its_model_is_not_rejected(tmp_path):
+    """Gains of the drive, friction law and contact law are a little off, and an exact model is
+    rejected. `python tests/support/contact_study.py 40` makes forty of them."""
+    row = study.nearly_identified(1, tmp_path, is_sampled=False)
+    assert row["p_exact"] < 1e-3 < row["p"]
+    assert "drive" in row["errors"] and row["inside"] == [True, True]
+    assert max(row["wider"]) < 4
+
+
+def test_an_exact_machine_gets_hardly_any_error_of_the_model(identified):
+    """The noise is 0.1 % of the largest force; what is found is less than half of it."""
+    found, _ = identified
+    assert all(one.share < 5e-4 for one in found.result.model_error.values())
+    assert found.result.posterior.model_error.keys() == found.result.model_error.keys()
+
+
+def test_an_error_that_is_given_makes_the_intervals_wider(identified):
+    found, _ = identified
+    problem = found.problem
+    given = {"force": 0.02, "position": 0.01}
+    wide = contact_error.searched(problem, found.best, False, 1, given)
+    assert {kind: one.share for kind, one in wide.same.errors.items()} == given
+    assert contact_check.check(wide.own, wide.point).p > 0.05
+    spread = [
+        np.sqrt(np.diag(contact_search.covariance(one, point)))[:2]
+        for one, point in ((problem, found.best), (wide.same, wide.point))
+    ]
+    assert np.all(spread[1] > 1.5 * spread[0])
+    sizes = contact_error.sizes_of(wide.same, wide.point)
+    top = max(float(np.ptp(touch.force.values)) for touch in problem.data.touches)
+    assert sizes["force"].size == pytest.approx(0.02 * top, rel=0.02)
+
+
+def test_the_effect_of_a_constant_error_of_the_command_is_that_of_the_command(identified):
+    """Fed with a command that is 1 % larger, the plant moves as the sum of all errors says."""
+    found, _ = identified
+    problem, point = found.problem, found.best
+    changes = [0.01 * touch.volts[:, None] for touch in problem.data.touches]
+    moved = problem.responses(point, changes)[:, 0]
+    ahead = problem.predict(point[None])
+    touches = tuple(
+        dataclasses.replace(touch, volts=1.01 * touch.volts) for touch in problem.data.touches
+    )
+    data = dataclasses.replace(problem.data, touches=touches)
+    other = ContactProblem(problem.model, data, problem.priors, problem.held)
+    # The start has the same place: the zero of the axis is an unknown of the touch-down.
+    other.places, other.unknowns = problem.places, problem.unknowns
+    behind = other.predict(point[None])
+    force = (behind.force - ahead.force)[0] / problem.force.spread
+    place = (behind.position - ahead.position)[0] / problem.position.spread
+    np.testing.assert_allclose(moved, np.concatenate([force, place]), atol=1e-6)
+    assert np.max(np.abs(force)) > 1
+
+
+def test_the_model_error_is_told_in_newtons_and_millimetres(identified, tmp_path):
+    found, _ = identified
+    sizes = {
+        "drive": ErrorSize(0.01, 1.25, "N", 0.1), "position": ErrorSize(0.004, 8.8e-6, "m", 0.1),
+    }  # fmt: skip
+    nearly = dataclasses.replace(
+        found.result, p_value=1e-30, p_with_error=0.4, model_error=sizes, elements=()
+    )
+    text = "\n".join(rows_of(nearly))
+    assert "p = 1e-30: without an error of the model, it would be rejected" in text
+    assert "drive 1.2 N (1 % of the largest command), position 0.0088 mm (0.4 % of" in text
+    refused = dataclasses.replace(nearly, rejected=True, p_with_error=1e-9)
+    assert "even with the largest error of the model, p = 1e-09" in "\n".join(rows_of(refused))
+    error = {"drive": posterior.ModelError(0.01, 0.1)}
+    own = dataclasses.replace(found.result.posterior, model_error=error)
+    file = tmp_path / "posterior.json"
+    file.write_text(json.dumps({"posterior": to_json(own)}))
+    assert posterior.read(file).model_error == error
+
+
+@pytest.mark.parametrize("text", ["force", "force=2", "force=-1%", "torque=1%", "force=90%", "1"])
+def test_a_wrong_error_of_the_model_is_one_line(text):
+    with pytest.raises(InputError, match=r"model_error: .*expected 0 for an exact model") as error:
+        model_error.parse([text])
+    assert "\n" not in str(error.value)
+    assert model_error.parse(["0"]) == {}
+    assert model_error.parse(["force=2%,drive=0.5%"]) == {"force": 0.02, "drive": 0.005}
+
+
 def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_path):
     """Interrupted after its first block, it makes fewer simulations and the same samples."""
     found, _ = identified
@@ -166,10 +253,21 @@ def test_an_interrupted_sampler_continues_with_the_same_samples(identified, tmp_
     np.testing.assert_array_equal(again.points, found.sampled.points)
 
 
+def test_chains_end_with_the_budget_and_the_widths_are_then_lower_bounds(identified):
+    """One block at least; with time enough the same chains go on until they agree."""
+    found, _ = identified
+    start = Drawn(found.best, contact_search.covariance(found.problem, found.best))
+    ended = contact_sampler.sample(found.problem, start, 1, budget_s=0.0).convergence
+    whole = found.result.convergence
+    assert (ended.reached, ended.steps) == (False, contact_sampler.BLOCK)
+    assert whole.reached and whole.steps > ended.steps
+    text = "\n".join(rows_of(dataclasses.replace(found.result, convergence=ended)))
+    assert "not converged after 0 s of processor time; the widths are lower bounds" in text
+
+
 @pytest.mark.long
 def test_two_workers_of_a_cluster_give_the_same_samples(identified, tmp_path, monkeypatch):
     """A short stretch and few blocks: what a worker simulates is the same to the bit."""
-    monkeypatch.setattr(contact_sampler, "BLOCKS_MAX", contact_sampler.TUNING_BLOCKS + 1)
     monkeypatch.setattr(contact_sampler, "BLOCK", 6)
     found, _ = identified
     given = found.problem.model, found.problem.data, found.problem.priors, found.problem.held
@@ -178,7 +276,7 @@ def test_two_workers_of_a_cluster_give_the_same_samples(identified, tmp_path, mo
         problem = ContactProblem(*given, site).shorter(60)
         point, _ = contact_search.descend(problem, found.best, 5)
         start = Drawn(point, contact_search.covariance(problem, point))
-        return contact_sampler.sample(problem, start, 1)
+        return contact_sampler.sample(problem, start, 1, budget_s=0.0)
 
     with dask_cluster.started(tmp_path) as (address, _), Workers(address) as workers:
         there = searched_and_sampled(workers)

@@ -40,6 +40,17 @@ def test_intervals_hold_the_truth_and_right_models_are_not_refused(tmp_path):
     assert sum(row["p"] < 0.05 for row in rows) <= max(1, 0.15 * len(rows))
 
 
+def test_machines_that_are_nearly_their_model_are_not_rejected(tmp_path):
+    """Right structures within the error of the model, and intervals at most four times as wide as
+    those of the machine of the model."""
+    seeds = range(2 * MACHINES) if MACHINES else (1, 2)
+    rows = [study.nearly_identified(seed, tmp_path / str(seed), True) for seed in seeds]
+    keep("nearly", rows)
+    assert sum(row["p"] >= 1e-3 for row in rows) >= 0.9 * len(rows), rows
+    assert sum(sum(row["inside"]) for row in rows) >= 0.9 * 2 * len(rows) - 1, rows
+    assert sum(max(row["wider"]) <= 4 for row in rows) >= 0.9 * len(rows), rows
+
+
 def test_wrong_models_are_refused_and_the_right_element_is_the_first(tmp_path):
     names = list(study.LACKING)
     seeds = range(max(10, MACHINES)) if MACHINES else (1, 4)
@@ -48,9 +59,10 @@ def test_wrong_models_are_refused_and_the_right_element_is_the_first(tmp_path):
         name = names[seed % len(names)]
         rows.append([name, *study.lacking(name, seed, tmp_path / str(seed))])
     keep("lacking", rows)
-    refused = [p < 0.05 for _, p, _ in rows]
-    first = [bool(found) and found[0] == name for name, _, found in rows]
+    refused = [p < 0.05 for _, _, p, _ in rows]
+    first = [bool(found) and found[0] == name for name, _, _, found in rows]
     assert sum(refused) >= 0.9 * len(rows), rows
+    assert sum(rejected for _, rejected, _, _ in rows) >= 0.8 * len(rows), rows
     assert sum(first) >= 0.7 * len(rows), rows
 
 

@@ -58,12 +58,7 @@ def rows_of(found: ContactFit) -> list[str]:
     ]
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
-    verdict = "the model explains the recordings"
-    if found.rejected:
-        verdict = "the model is rejected: it does not explain the recordings"
-    elif found.p_value < 0.05:
-        verdict = "the model hardly explains the recordings"
-    lines.append(f"model        p = {found.p_value:.2g}: {verdict}")
+    lines += model_rows(found)
     if found.p_value < 0.05:
         lines += [
             f"{'':12} {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations "
@@ -80,8 +75,32 @@ def rows_of(found: ContactFit) -> list[str]:
             + (
                 ""
                 if run.reached
-                else ": not converged, no posterior; add a recording, or --fit fewer parameters"
+                else f": not converged after {plain(run.budget_s, 4)} s of processor time; the "
+                "widths are lower bounds, and there is no posterior; raise --budget (with the same "
+                "--out the chains continue), add a recording, or --fit fewer parameters"
             )
+        )
+    return lines
+
+
+def model_rows(found: ContactFit) -> list[str]:
+    """Return the text lines that tell whether the model explains the recordings."""
+    from forceaxis.recordings.model_error import words_of
+
+    verdict = "the model explains the recordings"
+    if found.rejected:
+        verdict = "the model is rejected: it does not explain the recordings"
+    elif found.model_error and found.p_value < 0.001:
+        verdict = "without an error of the model, it would be rejected"
+    elif found.p_value < 0.05:
+        verdict = "the model hardly explains the recordings"
+    lines = [f"model        p = {found.p_value:.2g}: {verdict}"]
+    if found.p_with_error is not None and found.rejected:
+        lines[0] += f", even with the largest error of the model, p = {found.p_with_error:.2g}"
+    elif found.p_with_error is not None:
+        lines.append(
+            f"model error  {words_of(found.model_error)}: with it the model explains the "
+            f"recordings, p = {found.p_with_error:.2g}, and the widths contain it"
         )
     return lines
 
@@ -126,6 +145,16 @@ def element_rows(found: ContactFit) -> list[str]:
 )  # fmt: skip
 @set_option("Parameter of MODEL that is not identified.")
 @click.option(
+    "--model-error", "model_error", multiple=True, metavar="NAME=PERCENT%,...",
+    help="Errors of the model, such as drive=1%,force=2%,position=1%, in percent of the largest "
+    "command, of the largest force and of the path; 0 for an exact model. Default: the most likely "
+    "errors, each at most 5 %.",
+)  # fmt: skip
+@click.option(
+    "--budget", "budget_s", type=click.FloatRange(0), default=60.0, show_default=True,
+    help="Processor time of the sampler, s. Its chains are lengthened until they agree.",
+)  # fmt: skip
+@click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
@@ -147,6 +176,8 @@ def contact(
     fitted: Sequence[str],
     given: Sequence[str],
     overrides: Sequence[str],
+    model_error: tuple[str, ...],
+    budget_s: float,
     seed: int,
     out: Path | None,
     threads: int | None,
@@ -165,18 +196,21 @@ def contact(
     before. `loop limit`, `design`, `compare`, `sweep`, `cycle rates` and `tune` take
     out/posterior.json in place of a range of --over. The command names parameters that the
     recordings do not determine: their standard deviation is more than a third of that of their
-    prior. A p value says whether the model explains the recordings. Below 0.05, the command names
-    the parts of the recordings that do not fit, and ranks elements that the model may lack. Below
-    0.001 the model is rejected. If it is rejected, or the chains of the sampler do not agree in
-    time, no posterior.json is written, one of an earlier call is removed, and the exit status is 1.
+    prior. A p value says whether an exact model explains the recordings. Below 0.05, the command
+    names the parts of the recordings that do not fit, and ranks elements that the model may lack.
+    A model that is nearly right gets an error, which makes the intervals wide. If this error would
+    have to be larger than 5 % or --model-error, the model is rejected. If it is rejected, or the
+    chains of the sampler do not agree in time, no posterior.json is written, one of an earlier call
+    is removed, and the exit status is 1.
     """
     from forceaxis import linear
     from forceaxis.commission import contact_fit
+    from forceaxis.recordings import model_error as errors
 
     order = contact_fit.ContactOrder(
         model, recordings, tuple(n for text in fitted for n in text.split(",")), tuple(given),
         linear.overrides(overrides), seed, threads or os.cpu_count() or 1, out,
-        scheduler,
+        scheduler, errors.parse(model_error) if model_error else None, budget_s,
     )  # fmt: skip
     found = contact_fit.identify(order)
     if out:

@@ -65,17 +65,17 @@ def blocks_of(residuals: Floats, spread: Floats, length: int) -> Floats:
 
 def check(problem: ContactProblem, point: Floats) -> ModelCheck:
     """Tests whether the most likely plant of the posterior explains the touch-downs."""
-    predicted = problem.predict(point[None])
+    every_residual = problem.whitened(problem.predict(point[None]))[0]
     stretches, found = [], []
+    cut = len(problem.force.values)
     signals = {
-        "force": (problem.force, predicted.force),
-        "position": (problem.position, predicted.position),
+        "force": (problem.force, every_residual[:cut]),
+        "position": (problem.position, every_residual[cut:]),
     }
     used = len(problem.force.values) + len(problem.position.values)
-    for signal, (joined, rows) in signals.items():
+    for signal, (joined, residuals) in signals.items():
         if not joined.parts:
             continue
-        residuals = joined.scaled(rows)[0]
         every: dict[int, list[Floats]] = {length: [] for length in BLOCKS}
         free = sum(joined.free)
         for (touch, begin, end), count in zip(joined.parts, joined.free, strict=True):

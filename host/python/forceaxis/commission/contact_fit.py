@@ -7,7 +7,7 @@ found.parameters["k_w"].interval, found.p_value, found.posterior
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from forceaxis.commission import (
     contact_check,
     contact_data,
     contact_elements,
+    contact_error,
     contact_sampler,
     contact_secant,
 )
@@ -54,7 +55,9 @@ class ContactOrder:
     """The request for an identification: a model, recordings of touch-downs, and names of the
     parameters to fit. `given`: priors as texts NAME=VALUE+-PERCENT%. `held`: values of other
     parameters of the model. `threads`: number of threads for the simulation. `scheduler`: address
-    of a Dask scheduler, whose workers then do the simulation."""
+    of a Dask scheduler, whose workers then do the simulation. `model_error`: {signal: share} of the
+    errors of the model; {} for an exact model, and None if these errors are found. `budget_s`:
+    processor time in s after which the sampler ends, even if the chains do not agree."""
 
     model: str
     recordings: Sequence[Path]
@@ -66,6 +69,8 @@ class ContactOrder:
     #: folder of Markov chains with which an interrupted identification can continue, or None
     out: Path | None = None
     scheduler: str | None = None
+    model_error: Mapping[str, float] | None = None
+    budget_s: float = contact_sampler.BUDGET_S
 
 
 def prior_of(order: ContactOrder) -> dict[str, Prior]:
@@ -121,36 +126,47 @@ def _identified(order: ContactOrder, site: int | Workers) -> Identified:
     path = linear.find_model(order.model)
     order = ContactOrder(**{**vars(order), "model": str(path)})
     data, recordings = read_recordings(order)
-    problem = ContactProblem(path, data, prior_of(order), order.held, site)
+    exact = ContactProblem(path, data, prior_of(order), order.held, site)
     with progress.phase("searching the most likely plant"):
-        best, cost = searching.search(problem, order.seed)
-    checked = contact_check.check(problem, best)
-    rejected = checked.p < REJECTED_BELOW
+        best, cost = searching.search(exact, order.seed)
+        checked = contact_check.check(exact, best)
+        problem, near, p_with_error = exact, best, None
+        if order.model_error != {}:
+            is_rejected = checked.p < REJECTED_BELOW
+            found = contact_error.searched(exact, best, is_rejected, order.seed, order.model_error)
+            problem, near = found.same, found.point
+            if problem.errors:
+                p_with_error = contact_check.check(found.own, near).p
+    rejected = (checked.p if p_with_error is None else p_with_error) < REJECTED_BELOW
     elements: tuple[TriedElement, ...] = ()
     if checked.p < DOUBTED_BELOW:
-        elements = contact_elements.tried(problem, best, cost, order.seed)
+        elements = contact_elements.tried(exact, best, cost, order.seed)
+    if rejected:
+        problem, near = exact, best
     sampled = None
-    spread = np.sqrt(np.diag(searching.covariance(problem, best)))
+    spread = np.sqrt(np.diag(searching.covariance(problem, near)))
     if not rejected:
-        sampled = _sampled(problem, best, order)
+        sampled = _sampled(problem, near, order)
         spread = np.std(sampled.points, axis=0)
     result = ContactFit(
         model=paths.display(path),
         recordings=recordings,
         commanded=data.commanded,
-        parameters=(found := _parameters(problem, best, spread, sampled)),
-        secants=contact_secant.secants_of(problem, best, sampled.points) if sampled else (),
-        untold=tuple(name for name, one in found.items() if not one.told),
+        parameters=(own := _parameters(problem, near, spread, sampled)),
+        secants=contact_secant.secants_of(problem, near, sampled.points) if sampled else (),
+        untold=tuple(name for name, one in own.items() if not one.told),
         p_value=checked.p,
+        p_with_error=p_with_error,
+        model_error=contact_error.sizes_of(problem, near),
         rejected=rejected,
         stretches=checked.stretches,
         elements=elements,
         convergence=sampled.convergence if sampled else None,
-        posterior=_posterior(problem, best, sampled)
+        posterior=_posterior(problem, near, sampled)
         if sampled and sampled.convergence.reached
         else None,
     )
-    return Identified(result, problem, best, sampled)
+    return Identified(result, problem, near, sampled)
 
 
 def _sampled(problem: ContactProblem, best: Floats, order: ContactOrder) -> Sampled:
@@ -167,7 +183,7 @@ def _sampled(problem: ContactProblem, best: Floats, order: ContactOrder) -> Samp
                 f"{now.effective_samples:.0f} effective samples"
             )
 
-        return contact_sampler.sample(problem, start, order.seed, tell, file)
+        return contact_sampler.sample(problem, start, order.seed, tell, file, order.budget_s)
 
 
 def _parameters(
@@ -197,6 +213,7 @@ def _posterior(problem: ContactProblem, best: Floats, sampled: Sampled) -> Poste
         tuple(np.exp(best[:count]).tolist()),
         tuple(tuple(row) for row in samples.tolist()),
         tuple(sampled.logs.tolist()),
+        problem.errors,
     )
 
 

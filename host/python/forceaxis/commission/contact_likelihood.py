@@ -10,7 +10,7 @@ force sensor is one more unknown, which all touch-downs have in common.
 import hashlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
 from forceaxis.experiments.workers import Workers
 from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.posterior import ModelError
 
 LOG_MAX = 300.0  # largest magnitude of the logarithm of a parameter
 # residual, in standard deviations, that is used for a plant that cannot be simulated
@@ -98,7 +99,8 @@ class ContactProblem:
     Then follows each of the `unknowns`, as the distance from its mean in standard deviations.
     `priors`: prior of each parameter, which is a normal distribution of its logarithm. `site`:
     number of threads that simulate, or workers of a Dask scheduler. The result does not depend on
-    `site`.
+    `site`. `errors`: {kind: error of the model}, which with_errors() sets; without them, all
+    residuals are noise.
     """
 
     def __init__(
@@ -111,6 +113,7 @@ class ContactProblem:
     ) -> None:
         self.model, self.data, self.priors = Path(model), data, priors
         self.held, self.site = held, site
+        self.errors: dict[str, ModelError] = {}
         gap = gap_of(self.model, held)
         self.places = np.array([gap - touch.travel for touch in data.touches])
         self.names = tuple(priors)
@@ -119,17 +122,49 @@ class ContactProblem:
             [math.log(p.value) for p in priors.values()] + [0.0] * len(self.unknowns)
         )
         self.spread = np.array([p.spread for p in priors.values()] + [1.0] * len(self.unknowns))
-        order = ContactsOrder(
+        self.order = ContactsOrder(
             tomlkit.dumps(model_file.document(self.model)), held, tuple(priors),
             tuple(moved_bodies(self.model)), tuple(touch.volts for touch in data.touches),
             data.parts,
         )  # fmt: skip
-        self.simulate = _simulation(self.model, order, site)
+        self.simulate = _simulation(self.model, self.order, site)
         self.force = Joined([t.force for t in data.touches], [len(t.volts) for t in data.touches])
         self.position = Joined(
             [t.position for t in data.touches], [len(t.volts) for t in data.touches]
         )
+        self.parts: tuple[ErrorPart, ...] = ()
         self.calls, self.counting = 0, threading.Lock()
+
+    def rows_of(self, touch: int) -> NDArray[np.int_]:
+        """Returns the numbers of the residuals of force and position of a touch-down."""
+        found, first = [], 0
+        for joined in (self.force, self.position):
+            found += [
+                np.arange(first + begin, first + end)
+                for i, begin, end in joined.parts
+                if i == touch
+            ]
+            first += len(joined.values)
+        return np.concatenate(found)
+
+    def whitened(self, predicted: Predicted) -> Floats:
+        """Returns the residuals of force and position, divided by the square root of the covariance
+        of noise and errors of the model, with one row for each point."""
+        parts = [self.force.scaled(predicted.force), self.position.scaled(predicted.position)]
+        found = np.concatenate(parts, axis=1)
+        for part in self.parts:
+            found[:, part.rows] = part.whitened(found[:, part.rows])
+        return found
+
+    def with_errors(
+        self, errors: Mapping[str, ModelError], parts: Sequence["ErrorPart"]
+    ) -> "ContactProblem":
+        """Returns the same problem for a model with other errors. `parts`: their covariance in each
+        touch-down."""
+        found = ContactProblem(self.model, self.data, self.priors, self.held, self.site)
+        found.errors, found.parts = dict(errors), tuple(parts)
+        found.calls = self.calls
+        return found
 
     @property
     def size(self) -> int:
@@ -138,7 +173,8 @@ class ContactProblem:
 
     def key(self, seed: int) -> str:
         """Returns a hash of all data on which samples of the posterior depend."""
-        text = [self.model.read_text(encoding="utf-8"), repr(self.priors), repr(self.held), seed]
+        text = [self.model.read_text(encoding="utf-8"), repr(self.priors), repr(self.held), seed,
+                repr(self.errors)]  # fmt: skip
         known = hashlib.sha256(repr([_core.SIMULATOR_HASH, *text]).encode())
         for touch in self.data.touches:
             known.update(np.ascontiguousarray(touch.volts).tobytes())
@@ -147,8 +183,8 @@ class ContactProblem:
         return known.hexdigest()
 
     def shorter(self, steps_after: int) -> "ContactProblem":
-        """Returns the same problem with shortened touch-downs. Each touch-down ends `steps_after`
-        time steps after its onset."""
+        """Returns the same problem of an exact model with shortened touch-downs. Each touch-down
+        ends `steps_after` time steps after its onset."""
         touches = tuple(t.until(int(t.onset) + steps_after) for t in self.data.touches)
         data = replace(self.data, touches=touches)
         return ContactProblem(self.model, data, self.priors, self.held, self.site)
@@ -179,15 +215,43 @@ class ContactProblem:
         """Returns the parameters of the model in SI units, with one row for each point."""
         return np.exp(np.clip(points[:, : len(self.names)], -LOG_MAX, LOG_MAX))
 
-    def predict(self, points: Floats) -> Predicted:
-        """Simulates all touch-downs for each point."""
+    def starts(self, points: Floats) -> Floats:
+        """Returns the start values of _core.Contacts for each point and each touch-down."""
         count = len(self.data.touches)
         starts = np.zeros((len(points), count, START_VALUES))
         for i in range(count):
             starts[:, i, 0] = self.number("place", i, points)
             starts[:, i, 1] = self.number("speed", i, points, self.data.touches[i].speed[0])
             starts[:, i, 2] = self.number("volts", i, points)
-        rows = self.simulate(self.values(points), starts)
+        return starts
+
+    def responses(self, point: Floats, changes: Sequence[Floats]) -> Floats:
+        """Returns the change of force and position by a change of the command, in standard
+        deviations of the noise. `changes`: for each touch-down the change in V of the command, with
+        one row for each time step and one column for each of k changes. The result has one row for
+        each residual and one column for each change."""
+        count = changes[0].shape[1]
+        volts = [
+            touch.volts + change[:, k] for k in range(count)
+            for touch, change in zip(self.data.touches, changes, strict=True)
+        ]  # fmt: skip
+        moved = _simulation(self.model, replace(self.order, volts=tuple(volts)), self.site)
+        starts = np.tile(self.starts(point[None]), (1, count, 1))
+        values = self.values(point[None])
+        steps = sum(len(touch.volts) for touch in self.data.touches)
+        rows = moved(values, starts)[0].reshape(2, count, steps)
+        rows = rows - self.simulate(values, self.starts(point[None]))[0][:, None, :]
+        self.calls += count + 1
+        force = self.force.at(rows[0]) / self.force.spread
+        place = self.position.at(rows[1])
+        for i, begin, end in self.position.parts:
+            place[:, begin:end] -= rows[1][:, self.position.first_row[i], None]
+        place = place / self.position.spread
+        return np.asarray(np.concatenate([force, place], axis=1).T)
+
+    def predict(self, points: Floats) -> Predicted:
+        """Simulates all touch-downs for each point."""
+        rows = self.simulate(self.values(points), self.starts(points))
         with self.counting:
             self.calls += len(points)
         valid = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
@@ -219,18 +283,31 @@ class ContactProblem:
         return np.concatenate([*masks, own])
 
     def residuals(self, points: Floats) -> Floats:
-        """Returns the residuals of force, position and prior in standard deviations, with one row
-        for each point. Half the sum of squares of a row is the negative logarithm of the posterior
-        density."""
+        """Returns the residuals of force, position and prior in standard deviations of noise and
+        errors of the model, with one row for each point. Half the sum of squares of a row is the
+        negative logarithm of the posterior density."""
         predicted = self.predict(points)
-        parts = [
-            self.force.scaled(predicted.force),
-            self.position.scaled(predicted.position),
-            (self.centre - points) / self.spread,
-        ]
-        found = np.concatenate(parts, axis=1)
+        prior = (self.centre - points) / self.spread
+        found = np.concatenate([self.whitened(predicted), prior], axis=1)
         found[~predicted.valid] = WORST_RESIDUAL
         return found
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """The errors of the model in one touch-down. `rows` (n,): numbers of its residuals. Divided by
+    the deviation of the noise, the errors have the covariance V diag(`sizes`) V', where V are the
+    `vectors` (n, k)."""
+
+    rows: NDArray[np.int_]
+    vectors: Floats
+    sizes: Floats
+
+    def whitened(self, scaled: Floats) -> Floats:
+        """Returns residuals divided by the square root of the covariance of noise and error.
+        `scaled`: residuals divided by the noise, with one row for each point."""
+        shrunk = 1 - 1 / np.sqrt(1 + self.sizes)
+        return np.asarray(scaled - (scaled @ self.vectors * shrunk) @ self.vectors.T)
 
 
 class Joined:

@@ -9,6 +9,7 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Convergence, Sampled
 from forceaxis.commission.contact_secant import SecantStiffness
 from forceaxis.linear.posterior import Posterior
+from forceaxis.recordings.model_error import ErrorSize
 from forceaxis.results import json_field
 from forceaxis.words import option_words
 
@@ -41,9 +42,12 @@ class ContactRecording:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactFit:
-    """The result of identify(). `rejected`: True if the model does not explain the recordings (p
-    below 0.001). In this case, `parameters` have no meaning, and there are no secants, no
-    convergence and no posterior. There is also no posterior if the sampler has not converged.
+    """The result of identify(). `p_value`: p value of the exact model, whose residuals are noise.
+    `model_error`: {signal: error} with which a model that is nearly right explains the recordings.
+    `p_with_error`: p value of the model with these errors, or None without them. `rejected`: True
+    if the model, with its errors, does not explain the recordings (p below 0.001). In this case,
+    `parameters` have no meaning, and there are no secants, no convergence and no posterior. There
+    is also no posterior if the sampler has not converged; the intervals are then too narrow.
     `elements`: elements that the model may lack, sorted with the best first. They are tried if p is
     below 0.05.
     """
@@ -55,6 +59,8 @@ class ContactFit:
     secants: tuple[SecantStiffness, ...]
     untold: tuple[str, ...]
     p_value: float
+    p_with_error: float | None
+    model_error: dict[str, ErrorSize]
     rejected: bool
     stretches: tuple[StretchCheck, ...]
     elements: tuple[TriedElement, ...]

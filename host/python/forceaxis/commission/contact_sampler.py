@@ -7,6 +7,7 @@ new walker. If the posterior is close to a normal distribution, the samples are 
 independent. The other moves (stretch move, differential evolution) are suitable for any posterior.
 """
 
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ BLOCK = 20  # number of steps of a block; the convergence is computed after each
 # Number of blocks at the beginning that are discarded.
 # After each discarded block, the distribution is fitted to the walkers.
 TUNING_BLOCKS = 2
-BLOCKS_MAX = 30
+BUDGET_S = 60.0  # processor time in s after which the chains end by default
 R_HAT_MAX, SAMPLES_MIN = 1.02, 1000.0
 KEPT_MAX = 4000  # largest number of samples of the posterior in a result
 
@@ -38,7 +39,8 @@ class Convergence:
     """Convergence of the chains. `r_hat` is the largest value among the elements of a point,
     `effective_samples` the smallest. `accepted`: fraction of the moves that were accepted. `steps`:
     number of steps of each chain after tuning. `evaluations`: number of simulated plants, including
-    search and tuning."""
+    search and tuning. `reached`: True if the chains agree and have enough samples. Otherwise they
+    have ended after `budget_s` of processor time in s, and their widths are lower bounds."""
 
     r_hat: float
     effective_samples: float
@@ -48,6 +50,7 @@ class Convergence:
     steps: int
     evaluations: int
     reached: bool
+    budget_s: float = BUDGET_S
 
 
 @dataclass(frozen=True)
@@ -199,10 +202,16 @@ def sample(
     seed: int,
     progressed: Callable[[Convergence], None] = lambda _: None,
     file: Path | None = None,
+    budget_s: float = BUDGET_S,
 ) -> Sampled:
     """Returns samples of the posterior. `start`: a distribution around the mode of the posterior.
-    The same seed gives the same samples. `file`: file to which the chains are written after each
-    block, so that a later call continues an interrupted one. None: the chains are not stored."""
+    The chains are lengthened until they agree and have enough samples. They end earlier if this
+    takes more than `budget_s` of processor time in s, or of elapsed time with a Dask scheduler, but
+    have one block at least. The same seed gives the same samples, unless the chains end earlier.
+    `file`: file to which the chains are written after each block, so that a later call continues
+    them. None: the chains are not stored."""
+    clock = time.monotonic if isinstance(problem.site, Workers) else time.process_time
+    ends_s = clock() + budget_s
     chains = [
         _Chain(problem, Drawn(start.centre, start.root @ start.root.T), seed, i)
         for i in range(CHAINS)
@@ -210,11 +219,11 @@ def sample(
     key = problem.key(seed)
     if not _load(file, key, chains):
         _tune(problem, chains)
-    found = _convergence(problem, chains) if len(chains[0].points) else None
-    while (found is None or not found.reached) and chains[0].blocks < BLOCKS_MAX:
+    found = _convergence(problem, chains, budget_s) if len(chains[0].points) else None
+    while found is None or not (found.reached or clock() > ends_s):
         _run(problem, chains)
         _save(file, key, chains)
-        found = _convergence(problem, chains)
+        found = _convergence(problem, chains, budget_s)
         progressed(found)
     assert found is not None
     points = np.concatenate([c.points.reshape(-1, problem.size) for c in chains])
@@ -244,7 +253,7 @@ def _tune(problem: ContactProblem, chains: list[_Chain]) -> None:
             chain.tuned(every.mean(axis=0), np.cov(every.T))
 
 
-def _convergence(problem: ContactProblem, chains: list[_Chain]) -> Convergence:
+def _convergence(problem: ContactProblem, chains: list[_Chain], budget_s: float) -> Convergence:
     parts = [chain.points for chain in chains]
     agreed = r_hat(np.stack([p.reshape(-1, problem.size) for p in parts]))
     samples = sum(effective(p) for p in parts)
@@ -258,4 +267,5 @@ def _convergence(problem: ContactProblem, chains: list[_Chain]) -> Convergence:
         steps=len(parts[0]),
         evaluations=problem.calls,
         reached=agreed <= R_HAT_MAX and samples >= SAMPLES_MIN,
+        budget_s=budget_s,
     )
