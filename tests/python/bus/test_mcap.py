@@ -92,6 +92,27 @@ def test_the_same_run_gives_the_same_file(run, tmp_path):
     assert (tmp_path / "r.mcap").read_bytes() == (run / "run.mcap").read_bytes()
 
 
+def test_the_recording_of_a_run_has_the_states_of_its_axis(run):
+    """As a gateway publishes them, so that `monitor --replay` shows the run."""
+    states, schema = read(run / "run.mcap", "/axis_1/state")
+    trace = np.load(run / "trace.npz")
+    ticks = [row["tick"] for _, row in states]
+    assert ticks == list(range(0, 3001, 50))
+    assert [row["position_cnt"] for _, row in states] == trace["encoder"][ticks].tolist()
+    assert [row["dac_code"] for _, row in states] == trace["dac"][ticks].tolist()
+    # 0.01 N for each code above 0, as the model of the experiment says.
+    force_N = 0.01 * trace["adc0"]
+    assert [row["force_N"] for _, row in states] == pytest.approx(force_N[ticks], abs=1e-6)
+    assert max(force_N[ticks]) > 100
+    assert units_of(schema)["force_N"] == "N"
+    shown = json.loads(
+        forceaxis("monitor", "--replay", run / "run.mcap", "--once", "--json").stdout
+    )
+    axis = shown["axes"]["1"]
+    assert axis["tick"] == 3000 and axis["force_N"] == pytest.approx(force_N[-1])
+    assert (axis["fault"], axis["lost"], axis["silent"]) == ("none", 0, False)
+
+
 def test_commands_that_read_a_recording_read_mcap(run, tmp_path):
     forceaxis("recording", "convert", run / "run.mcap", tmp_path / "run.log")
     info = [json.loads(forceaxis("recording", "info", file, "--json").stdout)
@@ -172,8 +193,10 @@ def test_a_recording_that_was_cut_is_read_as_far_as_possible(cut, run, tmp_path)
 
 
 def test_a_damaged_chunk_is_noticed(run, tmp_path):
-    data = bytearray((run / "run.mcap").read_bytes())
-    data[len(data) // 2] ^= 0xFF
+    with (run / "run.mcap").open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    data, hit = bytearray((run / "run.mcap").read_bytes()), chunks[len(chunks) // 2]
+    data[hit.chunk_start_offset + hit.chunk_length // 2] ^= 0xFF
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(data)
     done = forceaxis("recording", "info", broken, "--json")
