@@ -8,6 +8,7 @@ this module lower the gain until the exact figures of the worst members keep the
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -24,6 +25,7 @@ ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margi
 FIRST_GAIN_FACTOR = 0.995
 # The search for the largest gain ends when the ratio of a kept gain to a failed gain is this large.
 GAIN_NEAR = 0.98
+Accuracy = Literal["exact", "quick", "mean age"]
 # largest relative error of quickly computed bandwidths and margins, with a reserve
 QUICK_ERROR = 1e-6
 REACHED_SHARE = 0.97  # a sentence names a bound as reached above this share of the bound
@@ -140,14 +142,15 @@ def _least(values: Sequence[float | None]) -> float | None:
 
 def exact(
     plants: PlantSet, grid: Grid, bank: Bank, goal: Goal, responses: Responses | None = None,
-    quick: bool = False, first: float = FIRST_GAIN_FACTOR,
+    accuracy: Accuracy = "exact", first: float = FIRST_GAIN_FACTOR,
 ) -> tuple[Bank, WorstFigures | None]:  # fmt: skip
     """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
     the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the worst
     values are None. `responses`: frequency responses of the plants. Pass them if they serve for
-    several banks. `quick`: True if the values may have a relative error of up to QUICK_ERROR. The
-    computation then takes a fraction of the time. `first`: ratio of the first gain that is tried to
-    the gain of `bank`."""
+    several banks. `accuracy`: "quick" permits a relative error of up to QUICK_ERROR, and takes a
+    fraction of the time; "mean age" is also quick for a loop with several codes in a period, with
+    the mean age of the readings (WorstSearch.mean_age). `first`: ratio of the first gain that is
+    tried to the gain of `bank`."""
     bank = lowered(bank, first)
     responses = responses or Responses(plants, goal.timings)
     kept: tuple[Bank, WorstFigures] | None = None
@@ -155,8 +158,11 @@ def exact(
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        found = _worst_of(responses, bank, goal, quick)
-        factor = min(_factor(w, goal, t, quick) for t, w in found.items())
+        if accuracy == "mean age":
+            found = {t: search.mean_age() for t, search in _searches(responses, bank).items()}
+        else:
+            found = _worst_of(responses, bank, goal, accuracy == "quick")
+        factor = min(_factor(w, goal, t, accuracy != "exact") for t, w in found.items())
         if factor >= 1:
             kept = bank, _figures(found, grid, bank)
             if bank.force_gain >= GAIN_NEAR * failed or failed == math.inf:

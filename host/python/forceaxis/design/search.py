@@ -474,7 +474,8 @@ def _result(
     def certified(name: str, unit: Bank) -> StructureDesign:
         gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
         bank = certificate.lowered(unit, gain)
-        bank, worst = certificate.exact(plants, grid, bank, goal, responses, quick=True)
+        accuracy: certificate.Accuracy = "quick" if unit.sections else "mean age"
+        bank, worst = certificate.exact(plants, grid, bank, goal, responses, accuracy)
         return StructureDesign(name, bank_figures(bank), worst)
 
     rows: list[StructureDesign] = []
@@ -501,7 +502,8 @@ def _result(
     def taken(name: str) -> SearchResult | None:
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = rows[at].bank.bank, rows[at].worst
-        if responses.is_exact:  # otherwise the values of `WorstFigures` are exact already
+        # With several codes in a period, the values of a law with sections are exact already.
+        if responses.is_exact or not bank.sections:
             bank, worst = certificate.exact(plants, grid, bank, goal, responses, first=1.0)
         if not worst or not worst.fS_Hz:
             return None

@@ -363,6 +363,14 @@ class WorstSearch:
         whole = replace(self._loops, responses=self._loops.responses.in_all_phases)
         return self._again(_fast(whole, self._by_loop))
 
+    def mean_age(self) -> Worst:
+        """Returns the worst bandwidth and margins with the mean age of the readings, for a loop
+        with several codes in the period after which its ticks repeat. For other loops, they are
+        those of quick()."""
+        if self._loops is None or self._found is None or self._loops.responses.is_exact:
+            return self.quick()
+        return _worst(self._group, self._group)
+
     def exact(self) -> Worst:
         """Returns the worst bandwidth and margins. The values of the worst loops and of the loops
         around nominal plants are computed as eigenvalue problems."""

@@ -74,13 +74,6 @@ def _vertex(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return at, fa + left * (at - a) + bend * (at - a) * (at - b) if a < at < c else math.inf
 
 
-def _sizes(S: Matrix) -> Matrix:
-    """Returns the largest singular value of each matrix in an array (matrices, rows, columns)."""
-    squares = np.linalg.eigvalsh(S.conj().transpose(0, 2, 1) @ S)
-    sizes: Matrix = np.sqrt(squares[:, -1])
-    return sizes
-
-
 @dataclass
 class PeriodicLoop(Loop):
     """A force loop that computes several codes in the period after which its ticks repeat. `whole`:
@@ -265,13 +258,14 @@ class PeriodicLoop(Loop):
             at = order[start : start + SIZES_AT_ONCE]
             if most[at[0]] < np.sort(sizes)[-PEAKS]:
                 break
-            sizes[at] = _sizes(S[at])
+            sizes[at] = np.linalg.norm(S[at], 2, axis=(1, 2))
         best = float(sizes.max())
         at = np.argsort(sizes)[: -PEAKS - 1 : -1]
         low, high = grid[np.maximum(at - 1, 0)], grid[np.minimum(at + 1, len(grid) - 1)]
         for _ in range(ZOOMS):
             hz = low + (high - low) * np.linspace(0, 1, ZOOM_POINTS)[:, None]
-            found = _sizes(self._sensitivities(gain, hz.ravel())).reshape(hz.shape)
+            S = self._sensitivities(gain, hz.ravel())
+            found = np.linalg.norm(S, 2, axis=(1, 2)).reshape(hz.shape)
             best = max(best, float(found.max()))
             peak, column = found.argmax(0), np.arange(hz.shape[1])
             low = hz[np.maximum(peak - 1, 0), column]
