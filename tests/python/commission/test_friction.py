@@ -23,6 +23,7 @@ from forceaxis.commission import (
     known,
     machine_bounds,
     measuring,
+    missing_parts,
     sine_excitation,
     tune,
     tune_measure,
@@ -30,7 +31,7 @@ from forceaxis.commission import (
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MOST_CODES, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
-from forceaxis.design import outcome
+from forceaxis.design import model_file, outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
 
@@ -100,6 +101,54 @@ def test_without_friction_there_is_none_and_nothing_is_soft():
     found = friction.slow_loading(*pushed(0.0), COUNTS / K_S)
     assert not found.rubs and not found.sticks and not found.soft
     assert found.compliance == pytest.approx(COUNTS / K_S + COUNTS / K_W, rel=0.03)
+
+
+def relaxing(share, time_s, dt_s=1 / 300, noise=0.3):
+    """(force, position in counts) of a workpiece that relaxes: its spring K_W, and beside it a
+    spring of `share` of it in series with a dashpot, at rest at the first force. Euler's method."""
+    rng = np.random.default_rng(29)
+    force = np.interp(np.arange(3200) * dt_s, [0, 3, 5.3, 8.3, 11], [18, 120, 120, 18, 18])
+    place, dashpot = [], force[0] / K_W
+    for one in force:
+        at = (one + share * K_W * dashpot) / (K_W + share * K_W)
+        dashpot += dt_s * (at - dashpot) / time_s
+        place.append(at + one / K_S)
+    counts = np.round(COUNTS * np.array(place) + rng.normal(size=len(place)) * 0.3)
+    return force + noise * rng.normal(size=len(force)), counts
+
+
+@pytest.mark.parametrize("share, time_s", [(0.2, 0.3), (0.5, 1.0), (1.0, 4.0)])
+def test_a_workpiece_that_relaxes_is_not_taken_for_one_that_rubs(share, time_s):
+    """Rubber of 250 N/mm was told to have dry friction of 2.4 N, with lines for the model."""
+    found = friction.slow_loading(*relaxing(share, time_s), COUNTS / K_S)
+    assert not found.rubs and not found.sticks
+    at_once = 1 / (1 + share) / K_W
+    assert found.compliance == pytest.approx(COUNTS * (1 / K_S + at_once), rel=0.1)
+    assert found.creep == pytest.approx(COUNTS * (1 / K_W - at_once), rel=0.25)
+    assert found.creep_s == pytest.approx(time_s * (1 + share), rel=0.35)
+    rubs = friction.slow_loading(*pushed(8.0), COUNTS / K_S)
+    assert rubs.rubs and not rubs.creep
+
+
+def test_the_lines_of_a_workpiece_that_relaxes_are_taken_by_its_model(press, tmp_path):
+    lines = missing_parts.relaxing(press / "model.toml", 0.5, 1.0)
+    whole = tmp_path / "model.toml"
+    whole.write_text(f"{(press / 'model.toml').read_text()}\n{lines}\n")  # as a user appends them
+    added = tmp_path / "added.toml"
+    added.write_text(missing_parts.with_lines(press / "model.toml", lines))
+
+    def stiffness(model, hz):
+        plant = linear.linearise(model, ("drive.command",), ("sensor.force", "workpiece.position"))
+        force, place = plant.at(2j * np.pi * hz).ravel()
+        return abs(force / place)
+
+    k_w = linear.facts(press / "model.toml").parameters["k_w"].value
+    for model in (whole, added):
+        assert stiffness(model, 1e-3) == pytest.approx(k_w, rel=0.01)
+        assert stiffness(model, 2.0) == pytest.approx(1.5 * k_w, rel=0.02)
+        assert known.behind_counts(model) == known.behind_counts(press / "model.toml")
+        assert missing_parts.relaxing(model, 0.5, 1.0) == ""  # which it has now
+        assert model_file.document(model)["parameters"]["k_w"]["value"] == k_w
 
 
 def test_a_soft_place_between_two_forces_is_found_where_it_is():

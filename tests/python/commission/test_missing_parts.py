@@ -37,7 +37,7 @@ def accepted(path, cause, found, folder):
     whole = path
     if cause.toml:
         whole = folder / "whole.toml"
-        whole.write_text(missing_parts.with_part(path, cause))
+        whole.write_text(missing_parts.with_lines(path, cause.toml))
     given = known.priors(whole, OVER, cause.priors)
     return joint_fit.joint(whole, given, found, OVER)
 

@@ -245,7 +245,7 @@ def _identified(
             model, before, responses, measured, order.over, order.states, Path(folder)
         )
     if found.rejected:
-        raise Refusal(found.rejected, found.text)
+        raise Refusal(found.rejected, "; ".join(filter(None, (found.text, found.remedy))))
     if found.model != responses[0].model:
         click.echo("fitted with dampers for the dry friction that was measured", err=True)
     assert found.values is not None

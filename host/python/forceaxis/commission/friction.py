@@ -71,6 +71,10 @@ FORCE_BINS = 6  # number of force intervals; the compliance is computed for each
 SOFT_RATIO = 1.6
 # Friction is accepted if it reduces the error of the predicted position by this fraction.
 ERROR_REDUCTION_MIN = 0.15
+# A workpiece that relaxes also has different positions at rising and falling force. It is found if
+# the data are exp(RELAXING_EVIDENCE / 2) times as likely as with friction.
+RELAXING_EVIDENCE = 10.0
+CREEP_S = (0.03, 20.0)  # shortest and longest time constant that is tried
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
 # The workpiece slides if half of the force range exceeds its friction by this factor.
@@ -146,7 +150,8 @@ class SlowLoading:
     compliance in counts/N of the parts that always move. `sliding`: compliance in counts/N of the
     parts that move only after the friction is overcome. `softest`: largest compliance between the
     two forces, divided by the compliance at the two forces. `softest_N`: force in N at which the
-    compliance is largest.
+    compliance is largest. `creep`: compliance in counts/N that follows the force with the time
+    constant `creep_s`, of a workpiece that relaxes; 0 for one that does not.
     """
 
     friction_N: float
@@ -158,6 +163,8 @@ class SlowLoading:
     low_N: float
     high_N: float
     way: int  #: change of the position in encoder counts
+    creep: float = 0.0
+    creep_s: float = 0.0
 
     @property
     def rubs(self) -> bool:
@@ -557,18 +564,52 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
+    at_once, creep, creep_s, creep_size = _creep(F, x)
     # Friction is accepted only if the positions at rising and falling force clearly differ.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
-    sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
+    evidence = len(F) * math.log(max(float(np.sum(error**2)), 1e-12) / max(creep_size, 1e-12))
+    relaxes = rubs and min(at_once, creep) > 0 and evidence > RELAXING_EVIDENCE
+    if relaxes:
+        rubs, c_all = False, at_once
+    else:
+        creep, creep_s = 0.0, 0.0
+    sticks = bool(not rubs and not relaxes and rigid and c_all < 1.15 * rigid)
     softest_N, softest = _softest(
         F, x - (c_slide * (play_operator(F, half) - F) if rubs else 0.0), low, high
     )
     friction = half if rubs else (span / 2 if sticks else 0.0)
     return SlowLoading(
         float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
-        softest_N, softest, low, high, round(float(np.ptp(x))),
+        softest_N, softest, low, high, round(float(np.ptp(x))), creep, creep_s,
     )  # fmt: skip
+
+
+def _creep(force: Samples, x: Samples) -> tuple[float, float, float, float]:
+    """Fits a workpiece that relaxes to block means of force in N and position in encoder counts: a
+    part of the compliance follows the force through a first-order lag, which is at rest at the
+    first sample. Returns the other compliance and this one in counts/N, its time constant in s,
+    and the sum of the squares of the errors."""
+    block_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
+
+    def fitted(log_s: float) -> tuple[float, float, float]:
+        keeps = math.exp(-block_s / math.exp(log_s))
+        late, now = np.empty(len(force)), float(force[0])
+        for i, one in enumerate(force):
+            now = one + (now - one) * keeps
+            late[i] = now
+        table = np.column_stack([np.ones(len(force)), force, late])
+        solved = np.linalg.lstsq(table, x, rcond=None)[0]
+        return float(np.sum((table @ solved - x) ** 2)), float(solved[1]), float(solved[2])
+
+    grid = np.log(np.geomspace(*CREEP_S, 25))
+    i = int(np.argmin([fitted(one)[0] for one in grid]))
+    ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+    best = float(
+        optimize.minimize_scalar(lambda one: fitted(one)[0], bounds=ends, method="bounded").x
+    )
+    size, at_once, creep = fitted(best)
+    return at_once, creep, math.exp(best), size
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:

@@ -138,6 +138,7 @@ class JointFit:
     at: Samples
     rejected: str | None = None  #: reason for the rejection in one word: prior, chi2 or coherence
     text: str = ""  #: text about the reason for the rejection of the fit
+    remedy: str = ""  #: text about what to do if the rejected value is right
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: {parameter: its 95 % interval}
     #: {"a/b" or "a*b": (value, low, high)} for accurate quotients and products of two parameters
@@ -693,10 +694,11 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
     elif distances[worst] > PRIOR_DISTANCE_MAX:
         name = problem.names[worst]
         found.rejected, found.surmised = "prior", problem.priors[name].surmised
+        value = f"{name}={found.best[name]:.4g}+-{GIVEN_PERCENT}%"
+        found.remedy = f"if this value is right, give --prior {value}"
         found.text = (
             f"expected {name} within {PRIOR_DISTANCE_MAX:g} standard deviations of "
-            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: if this value is "
-            f"right, give --prior {name}={found.best[name]:.4g}+-{GIVEN_PERCENT}%"
+            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}"
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:

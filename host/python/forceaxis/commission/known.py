@@ -307,8 +307,14 @@ def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -
     """Returns the compliance of the axis in counts/N while the workpiece sticks to its table. It is
     the compliance of the spring in the contact. Returns 0 if the workpiece never moves in the
     model, or moves little, so that the compliance does not show whether it sticks."""
-    rigid = _counts_per_newton(model, overrides, model_file.read(model).contact)
+    rigid = contact_counts(model, overrides)
     return rigid if behind_counts(model, overrides) > SUPPORT_COMPLIANCE_SHARE * rigid else 0.0
+
+
+def contact_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
+    """Returns the deflection in counts/N of the spring in the contact, or 0 if the model has no
+    such spring with a stiffness."""
+    return _counts_per_newton(model, overrides, model_file.read(model).contact)
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:

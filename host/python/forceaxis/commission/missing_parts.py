@@ -16,7 +16,7 @@ exp(5) = 150 times as likely with it (Kass and Raftery, J. American Statistical 
 import math
 import tempfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -202,38 +202,42 @@ def _measurement(names: set[str]) -> str:
     )
 
 
-def with_part(model: str | Path, part: Tried) -> str:
-    """Returns the text of a model with the TOML text of a candidate, each line in its place."""
+def with_lines(model: str | Path, lines: str) -> str:
+    """Returns the text of a model with the TOML text of a cause, each line in its place."""
     document = model_file.document(model)
-    parsed = tomlkit.parse(part.toml)
-    first = part.toml.splitlines()[0]
+    parsed = tomlkit.parse(lines)
+    first = lines.splitlines()[0]
     if first.startswith("# in the [[adc]]"):
         next(adc for adc in document["adc"] if adc["channel"] == 0).update(parsed)
     elif first.startswith("# in [parameters]"):
         document["parameters"].update(parsed)
     else:
-        _add(document, model, part.toml)
+        _add(document, model, lines)
     return tomlkit.dumps(document)
 
 
-def of(found: JointFit, folder: Path, speeds: Sequence[float] = ()) -> list[Tried]:
+def of(
+    found: JointFit, folder: Path, speeds: Sequence[float] = (), held: Collection[str] = ()
+) -> list[Tried]:
     """Fits all candidates for the rejection of a fit. Returns them sorted from best to worst.
 
     folder: where models of candidates are written. speeds: rms speed in m/s of the axis in each
-    response, or () if it is not known.
+    response, or () if it is not known. held: parameters that the user has measured, which are not
+    wrong.
     """
     with tempfile.TemporaryDirectory(dir=folder) as models:
-        return _ranked(replace(found.problem), found.at, found.best, Path(models), speeds)
+        return _ranked(replace(found.problem), found.at, found.best, Path(models), speeds, held)
 
 
 def _ranked(
-    problem: Responses, x: Samples, best: Values, folder: Path, speeds: Sequence[float]
-) -> list[Tried]:
+    problem: Responses, x: Samples, best: Values, folder: Path, speeds: Sequence[float],
+    held: Collection[str],
+) -> list[Tried]:  # fmt: skip
     """Fits all candidates, first with few evaluations; then the best of them completely. `x`,
     `best`: logarithms and values of the parameters of the rejected fit."""
     before = _cost(problem, x)
     begun = []
-    for variants in _candidates(problem, x, best, speeds):
+    for variants in _candidates(problem, x, best, speeds, held):
         fits = [one for v in variants if (one := _begun(problem, x, v, folder)) is not None]
         if fits:
             begun.append(_refined(min(fits, key=lambda one: one.cost), FIRST_EVALUATIONS))
@@ -395,13 +399,13 @@ class _Model:
 
 
 def _candidates(
-    problem: Responses, at: Samples, best: Values, speeds: Sequence[float]
+    problem: Responses, at: Samples, best: Values, speeds: Sequence[float], held: Collection[str]
 ) -> list[list[Candidate]]:
     """Returns one list for each candidate. The members of a list differ in their start values or in
     their place."""
     model = _Model(problem, best, model_file.read(problem.model), linear.facts(problem.model))
     return [
-        *([one] for one in _numbers(model, at)),
+        *([one] for one in _numbers(model, at, held)),
         _sensor_lag(model),
         [_latency(model)],
         *_frames(model),
@@ -413,7 +417,7 @@ def _candidates(
     ]
 
 
-def _numbers(model: _Model, at: Samples) -> list[Candidate]:
+def _numbers(model: _Model, at: Samples, held: Collection[str]) -> list[Candidate]:
     """Returns a candidate for each number of the model that may be wrong: constants and loops of
     the drive, masses and stiffnesses of the axis. Dampings are known only by their magnitude."""
     tables, priors = model.tables, model.problem.priors
@@ -423,7 +427,7 @@ def _numbers(model: _Model, at: Samples) -> list[Candidate]:
     masses = {body.mass for body in tables.bodies if body is not work}
     found = []
     for name, (value, unit) in model.facts.parameters.items():
-        if value <= 0 or (name in priors and priors[name].spread > NARROW_SPREAD):
+        if value <= 0 or name in held or (name in priors and priors[name].spread > NARROW_SPREAD):
             continue
         if name in of_drive and (name in priors or name in (tables.drive.L, tables.drive.a_act)):
             kind = "drive_numbers"
@@ -556,7 +560,10 @@ def _add(document: tomlkit.TOMLDocument, model: str | Path, text: str) -> None:
     tables, drive = model_file.read(model), linear.facts(model).required_drive
     contact = tables.contact
     moved = {drive.body, *(contact.between[:1] if contact else ())}
-    for kind, added in tomlkit.parse(text).items():
+    elements = tomlkit.parse(text)
+    for name, parameter in elements.pop("parameters", {}).items():
+        document.setdefault("parameters", tomlkit.table())[name] = parameter
+    for kind, added in elements.items():
         for table in added:
             if kind == "body" and table["name"] == BED:
                 for links in ("damper", "friction", "brake", "cogging"):
@@ -611,36 +618,62 @@ def _least_N(model: _Model, per_N: Sequence[float]) -> float:
     return model.facts.moving_kg(model.tables.workpiece) * middle / min(per_N)
 
 
+def relaxing(model: str | Path, share: float, time_s: float) -> str:
+    """Returns the TOML text of a workpiece that relaxes: a spring in series with a dashpot beside
+    its spring. `share`: stiffness of this spring divided by that of the spring of the workpiece.
+    `time_s`: time constant with which its force relaxes. Returns "" if the model has one already,
+    or no parameter for the stiffness of the workpiece."""
+    tables = model_file.read(model)
+    name = tables.support.stiffness if tables.support else None
+    own = [link for link in tables.springs if tables.workpiece in link.between]
+    if not isinstance(name, str) or any(link.maxwell_stiffness is not None for link in own):
+        return ""
+    return (
+        f'[parameters.k_relaxing]\nvalue = "{share:.4g} * {name}"\nunit = "N/m"\n\n'
+        f'[[spring]]\nname = "relaxing"\nbetween = ["{tables.workpiece}", "ground"]\n'
+        f'stiffness = 0.0\nmaxwell_stiffness = "k_relaxing"\nmaxwell_time = {time_s:.4g}'
+    )
+
+
 def _relaxing(model: _Model) -> list[Candidate]:
-    """Returns candidates for a workpiece that relaxes: a spring in series with a dashpot, parallel
-    to the spring of the workpiece."""
-    support, work = model.tables.support, model.tables.workpiece
-    name = support.stiffness if support else None
-    if not isinstance(name, str) or name not in model.best:
+    """Returns candidates for a workpiece that relaxes. Its stiffness is the one that is fitted
+    times the share of the further spring."""
+    path = model.problem.model
+    if not relaxing(path, 1.0, 1.0):
         return []
 
     def of(time_s: float) -> Candidate:
         def elements(values: Mapping[str, float | str]) -> str:
+            work = model.tables.workpiece
             k, t = (_toml(values[name]) for name in ("k_relaxing", "t_relaxing"))
             return (
-                f'[[spring]]\nname = "relaxing"\nbetween = ["{work}", "ground"]\nstiffness = 0.0\n'
-                f"maxwell_stiffness = {k}\nmaxwell_time = {t}"
+                f'[[spring]]\nname = "relaxing"\nbetween = ["{work}", "ground"]\n'
+                f"stiffness = 0.0\nmaxwell_stiffness = {k}\nmaxwell_time = {t}"
             )
+
+        def share(values: Values) -> float:
+            return values["k_relaxing"] / values[name]
 
         def words(values: Values) -> str:
             return (
-                f"a workpiece that relaxes, by {values['k_relaxing']:.3g} N/m in "
+                f"a workpiece that relaxes, by {100 * share(values):.2g} % of its stiffness in "
                 f"{values['t_relaxing']:.2g} s"
             )
 
         return Candidate(
             "relaxing",
-            {"k_relaxing": Prior(0.3 * model.best[name], 1.2), "t_relaxing": Prior(time_s, 1.0)},
-            words, elements, elements=elements,
+            {
+                "k_relaxing": Prior(0.3 * model.best[name], 1.2),
+                "t_relaxing": Prior(time_s, 1.0),
+            },
+            words,
+            lambda values: relaxing(path, share(values), values["t_relaxing"]),
+            elements=elements,
             parameters={"k_relaxing": (model.best[name], "N/m"), "t_relaxing": (time_s, "s")},
-        )  # fmt: skip
+        )
 
-    return [of(time_s) for time_s in (0.01, 0.1)]
+    name = str(model.tables.support.stiffness) if model.tables.support else ""
+    return [of(time_s) for time_s in (0.01, 0.1)] if name in model.best else []
 
 
 def _stiffening(model: _Model) -> list[Candidate]:

@@ -83,6 +83,11 @@ DIFFERENCE_PROBABILITY = 1e-4
 
 # A number of the model that is wrong by at most this factor is corrected without a question.
 NUMBER_CHANGE_MAX = 1.6
+# A shorter time in which a workpiece relaxes, in s, is left to the responses: the slow change of
+# the force does not show it accurately.
+CREEP_MIN_S = 0.15
+# Least compliance of a workpiece that relaxes, divided by that of the axis.
+RELAXING_COMPLIANCE_MIN = 0.05
 EXPLAINED = ("chi2", "prior")  # rejections of a fit for which causes are searched
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -105,13 +110,15 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     for name in (FITTED_MODEL, COMPLETED_MODEL):
         (tuning.folder / name).unlink(missing_ok=True)
     moving_N = tune_measure.moving_N(tuning, free)
+    tuning, lacks = _with_creep(tuning, measured)
     done = _attempt(tuning, free, measured, moving_N, SLIDING_SPREAD)
-    lacks, tried = "", list[missing_parts.Tried]()
+    tried = list[missing_parts.Tried]()
     if done.found.rejected in EXPLAINED:
         tried = _tried(tuning, done, free, measured)
         with_cause = _with_cause(tuning, done, tried, free, measured)
         if with_cause:
-            done, tuning, lacks = with_cause
+            done, tuning, more = with_cause
+            lacks = "\n\n".join(filter(None, (lacks, more)))
     found, frictions, why_not = done.found, done.frictions, ""
     if found.rejected in EXPLAINED and _is_linear(tuning, done):
         found, why_not = _with_model_error(tuning, found, tried)
@@ -142,6 +149,24 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     )  # fmt: skip
 
 
+def _with_creep(tuning: TuningFolder, measured: MeasuredResponses) -> tuple[TuningFolder, str]:
+    """Returns the tuning with a model in which the workpiece relaxes, if it did so between the
+    forces, and the TOML text that the model lacks, otherwise ""."""
+    between = measured.between
+    if not between.creep or not between.creep_s or between.creep_s < CREEP_MIN_S:
+        return tuning, ""
+    # compliance of the workpiece alone, before it relaxes
+    at_once = between.compliance - known.contact_counts(tuning.given)
+    share = between.creep / max(at_once, RELAXING_COMPLIANCE_MIN * between.compliance)
+    lines = missing_parts.relaxing(tuning.given, share, between.creep_s / (1 + share))
+    if not lines:
+        return tuning, ""
+    tuning.say("the workpiece relaxes, the model does not; the tuning continues with it")
+    path = tuning.folder / COMPLETED_MODEL
+    path.write_text(missing_parts.with_lines(tuning.given, lines), encoding="utf-8")
+    return tuning.with_part(path, ()), lines
+
+
 def _with_cause(
     tuning: TuningFolder, done: _Attempt, tried: list[missing_parts.Tried], free: FreeResponse,
     measured: MeasuredResponses,
@@ -169,7 +194,7 @@ def _with_cause(
         path = tuning.given
         if lines:
             path = tuning.folder / COMPLETED_MODEL
-            path.write_text(missing_parts.with_part(tuning.given, cause), encoding="utf-8")
+            path.write_text(missing_parts.with_lines(tuning.given, cause.toml), encoding="utf-8")
         completed = tuning.with_part(path, cause.priors)
         moving_N = tune_measure.moving_N(completed, free)
         again = _attempt(completed, free, measured, moving_N, SLIDING_SPREAD)
@@ -298,7 +323,7 @@ def _tried(
         if done.frictions or free.glide.rubs
         else tuple(_speed_m_per_s(tuning, name, free, measured) for name in done.names)
     )
-    tried = missing_parts.of(done.found, tuning.folder, speeds)
+    tried = missing_parts.of(done.found, tuning.folder, speeds, _given_priors(tuning))
     TRIED.write(tuning.folder, tried)
     return tried
 
@@ -309,7 +334,9 @@ def _explained(found: joint_fit.JointFit, tried: list[missing_parts.Tried]) -> t
     if found.rejected not in EXPLAINED:
         return found.text, ""
     cause = missing_parts.winner(tried)
-    return f"{found.text}; {missing_parts.text_of(tried)}", cause.toml if cause else ""
+    remedy = f"; {found.remedy}" if found.remedy and not cause else ""
+    text = f"{found.text}; {missing_parts.text_of(tried)}{remedy}"
+    return text, cause.toml if cause else ""
 
 
 def _is_linear(tuning: TuningFolder, done: _Attempt) -> bool:

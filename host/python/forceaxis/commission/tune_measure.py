@@ -178,11 +178,13 @@ def _between(
     tuning.say(
         f"from {found.low_N:.3g} to {found.high_N:.3g} N and back: {found.way} counts, "
         + (f"friction of {found.friction_N:.3g} N under the workpiece" if found.rubs
+           else f"a workpiece that relaxes in {found.creep_s:.2g} s" if found.creep
            else "no friction under the workpiece")
     )  # fmt: skip
     return SlowChange(
         friction_N=found.friction_N, sticks=found.sticks, compliance=found.compliance,
         sliding=found.sliding, softest_N=found.softest_N, softest=found.softest, low_N=found.low_N,
+        creep=found.creep or None, creep_s=found.creep_s or None,
         high_N=found.high_N, force_N=tuple(friction.block_means(force).tolist()),
         way=tuple(friction.block_means(place).tolist()),
     ), law  # fmt: skip

@@ -103,8 +103,8 @@ class PressedResponse(ResponseFigures):
 @dataclass(frozen=True, kw_only=True)
 class SlowChange:
     """The friction.SlowLoading between the smallest and the largest force. The fields have the
-    names of the keys in the file. `force_N` and `way` are block means of the recording, in N and
-    encoder counts."""
+    names of the keys in the file. `creep` and `creep_s` are None if the workpiece does not relax.
+    `force_N` and `way` are block means of the recording, in N and encoder counts."""
 
     friction_N: float
     sticks: bool
@@ -114,6 +114,8 @@ class SlowChange:
     high_N: float
     softest_N: float | None = None
     softest: float | None = None
+    creep: float | None = None
+    creep_s: float | None = None
     way: tuple[float, ...] = ()
     force_N: tuple[float, ...] = ()
 

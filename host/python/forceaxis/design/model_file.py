@@ -40,14 +40,16 @@ class ModelBody:
 @dataclass(frozen=True)
 class ModelLink:
     """One element [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies, or
-    between a body and "ground". `width` belongs to a backlash. A field is None if the file does not
-    have the key, or if the key has a list of several values."""
+    between a body and "ground". `width` belongs to a backlash, `maxwell_stiffness` to a part that
+    relaxes. A field is None if the file does not have the key, or if the key has a list of several
+    values."""
 
     name: str
     between: tuple[str, str]
     stiffness: Given | None = None
     damping: Given | None = None
     width: Given | None = None
+    maxwell_stiffness: Given | None = None
 
 
 @dataclass(frozen=True)
@@ -138,8 +140,12 @@ class ModelFile:
     @property
     def support(self) -> ModelLink | None:
         """Returns the spring that supports the workpiece, or None if the workpiece does not have
-        exactly one spring."""
-        found = [spring for spring in self.springs if self.workpiece in spring.between]
+        exactly one spring. A spring that only relaxes supports nothing."""
+        found = [
+            spring
+            for spring in self.springs
+            if self.workpiece in spring.between and spring.stiffness != 0
+        ]
         return found[0] if len(found) == 1 else None
 
     @property
