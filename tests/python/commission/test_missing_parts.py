@@ -42,6 +42,7 @@ def accepted(path, cause, found, folder):
     return joint_fit.joint(whole, given, found, OVER)
 
 
+@pytest.mark.long
 def test_a_slow_winding_is_named_and_its_inductance_is_printed(model, tmp_path):  # noqa: F811
     own = parameters(model)["L"]
     found = responses(model, true_values(model), drive={"L": 3.5 * own})

@@ -65,8 +65,8 @@ CANDIDATE_MODEL = "candidate.toml"  # name of the file of the model of a candida
 class Candidate:
     """A reason why a model does not explain the responses.
 
-    `name` is one word. `priors`: its parameters. Those of `freed` replace priors of the model; all
-    others are added. `elements(values)`: elements that the model lacks, as TOML text, in which each
+    `name` is one word. `priors`: its parameters, which replace the priors of the model with the
+    same names. `elements(values)`: elements that the model lacks, as TOML text, in which each
     parameter of `values` is a number or a name. `own`: for each response, parameters of the model
     that belong only to this response. `factor(values, i, hz)`: factor by which response i is
     multiplied. `model`: text of a model in place of the given one.
