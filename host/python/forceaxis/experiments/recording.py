@@ -1,6 +1,6 @@
 """Writes the trace of a run as a recording of LCM messages. The channel SIM_TRUTH has all signals.
 The channel AXIS_1_STATE has what the gateway of this axis would publish, as far as the trace has
-it. `forceaxis monitor` shows it."""
+it, so that a monitor can replay the run."""
 
 import heapq
 from collections.abc import Iterator
