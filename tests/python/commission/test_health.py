@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import contact_study
 import numpy as np
@@ -23,6 +24,9 @@ CHANGED = (
     "m_r1", "m_r2", "m_w", "k_w", "k_rf", "k_s", "b_w", "b_r", "k_torque", "k_preamp_cmd",
 )  # fmt: skip
 HIGHER = 1.2
+HEAVIER = 2.0  # moves a resonance by many of its widths
+# Largest factor of a parameter that is drawn, and of those of the machine before that.
+FACTOR_MAX, MACHINE_MAX = 2.5, 1.2
 
 
 def measured(folder, seed, **plant):
@@ -31,8 +35,12 @@ def measured(folder, seed, **plant):
     return folder
 
 
+def value(name):
+    return linear.facts(MODEL).parameters[name].value
+
+
 def higher(name):
-    return {name: HIGHER * linear.facts(MODEL).parameters[name].value}
+    return {name: HIGHER * value(name)}
 
 
 def touched_today(folder, machine, read, seed, gain):
@@ -56,19 +64,19 @@ def posterior_of(file, machine):
     return file
 
 
-def test_an_unchanged_response_is_healthy_and_a_stiffer_workpiece_is_drift(tmp_path):
+def test_an_unchanged_response_is_healthy_and_a_heavier_workpiece_is_drift(tmp_path):
     released = measured(tmp_path / "released", 1)
     same = forceaxis(
         "axis", "health", MODEL, measured(tmp_path / "same", 2), "--released", released
     )
     assert same.returncode == 0 and "health       healthy" in same.stdout
-    today = measured(tmp_path / "today", 3, **higher("k_w"))
+    today = measured(tmp_path / "today", 3, m_w=HEAVIER * value("m_w"))
     done = forceaxis("axis", "health", MODEL, today, "--released", released, "--json")
     found = json.loads(done.stdout)
     assert done.returncode == 1 and not found["healthy"]
-    assert found["moved"] == ["k_w"]
-    low, high = found["parameters"]["k_w"]["interval"]
-    assert low < HIGHER < high
+    assert found["moved"] == ["m_w"]
+    low, high = found["parameters"]["m_w"]["interval"]
+    assert low < HEAVIER < high
 
 
 def test_a_touch_down_is_held_against_a_posterior(tmp_path):
@@ -110,6 +118,29 @@ def test_responses_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
     assert sum(judged(i).healthy for i in range(20)) >= 19
     named = [name for i, name in enumerate(CHANGED, 20) if judged(i, name).moved[:1] == (name,)]
     assert len(named) >= 9, named
+
+
+@pytest.mark.beside
+@pytest.mark.long
+def test_a_large_change_of_a_drawn_machine_has_its_size(tmp_path):
+    """The machine is not exactly the model, on neither day. FORCEAXIS_MACHINES machines, else 6."""
+    count = int(os.environ.get("FORCEAXIS_MACHINES", "6"))
+    wrong = []
+    for number in range(count):
+        rng = np.random.default_rng([44, number])
+        plant = {name: value(name) * MACHINE_MAX ** rng.uniform(-1, 1) for name in CHANGED}
+        name = (
+            CHANGED[rng.integers(len(CHANGED))] if number % 2 else ("m_w", "k_w")[number % 4 // 2]
+        )
+        factor = FACTOR_MAX ** (rng.choice([-1, 1]) * rng.uniform(0.3, 1))
+        released = measured(tmp_path / f"released_{number}", 3000 + number, **plant)
+        plant[name] *= factor
+        today = measured(tmp_path / f"today_{number}", 4000 + number, **plant)
+        found = health(HealthOrder(MODEL, [today], released))
+        change = found.parameters[name].change
+        if found.moved[:1] != (name,) or not math.isclose(change, factor, rel_tol=0.1):
+            wrong.append((number, name, factor, change, found.moved))
+    assert len(wrong) <= 0.1 * count, wrong
 
 
 @pytest.mark.beside

@@ -27,7 +27,7 @@ from forceaxis.commission import contact_search as searching
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.incident_causes import log_covariance
-from forceaxis.commission.joint_fit import Responses
+from forceaxis.commission.joint_fit import Responses, searched
 from forceaxis.commission.known import WORKPIECE_SPREAD, Prior
 from forceaxis.identify.fit import read_response
 from forceaxis.identify.measurement import Measurement
@@ -42,7 +42,9 @@ TOLD_CHANGE = 0.5
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
 ITERATIONS = 12  # largest number of evaluations in a fit
-STARTS_LOG = (0.0, -0.05, 0.05, -0.1, 0.1, -0.2, 0.2, -0.4, 0.4)
+# Changes from which a fit may begin. They lie as close as the width of a resonance, because a
+# resonance that has moved by more than its width gives local optima in between.
+STARTS_LOG = np.linspace(-CHANGE_MAX_LOG, CHANGE_MAX_LOG, 33)
 # MOVED_MAX: largest number of parameters that the result names as changed.
 # SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by that of the first.
 MOVED_MAX, SHARE_MIN = 3, 0.02
@@ -234,26 +236,34 @@ class _LinearChange:
 class _ResponseChange:
     """A comparison of two frequency responses. The effect of changed parameters is computed as the
     ratio of two responses of the model, by which the released response is multiplied. A model error
-    that is the same on both days therefore has no effect."""
+    that is the same on both days therefore has no effect. The model is that of the released
+    machine: it is fitted to the released response, because a large change of a resonance is only
+    right from the frequency at which it was."""
 
     def __init__(self, today: Measurement, released: Measurement, priors: dict[str, Prior]) -> None:
         self.today, self.released = today, released
         self.responses = Responses(released.model, priors, [released])
-        self.centre = self.responses.centre
+        self.centre = searched(self.responses)
         self.exact = self.responses.predictions(self.centre)[0]
-        self.spread = np.sqrt((_variance(today) + _variance(released)) / 2)
+        self.variances = _variance(today), _variance(released)
         self.names = tuple(priors)
         self.known: dict[tuple[int, ...], tuple[Floats, float]] = {}
 
     def residuals(self, chosen: Sequence[int], logs: Floats) -> Floats:
         """Returns the residuals of the real parts, followed by those of the imaginary parts, in
-        standard deviations. `logs`: changes of the logarithms of the parameters with the indices
-        `chosen`."""
+        standard deviations. Then follow the increases of the standard deviations: the ratio
+        multiplies the noise of the released response too. The sum of squares of all is -2 times the
+        log likelihood, up to a constant. `logs`: changes of the logarithms of the parameters with
+        the indices `chosen`."""
         at = self.centre.copy()
         at[list(chosen)] += logs
         ratio = self.responses.predictions(at)[0] / self.exact
-        left = (self.today.response - self.released.response * ratio) / self.spread
-        return np.concatenate([left.real, left.imag])
+        today, released = self.variances
+        wider = np.abs(ratio) ** 2 * released / today
+        left = (self.today.response - self.released.response * ratio) / np.sqrt(
+            today * (1 + wider) / 2
+        )
+        return np.concatenate([left.real, left.imag, np.sqrt(2 * np.log1p(wider))])
 
     def fitted(self, chosen: Sequence[int]) -> tuple[Floats, float]:
         """Returns the most likely changes of the logarithms of the parameters with the indices
@@ -284,7 +294,7 @@ class _ResponseChange:
             logs, after = self.fitted([*chosen, i])
             moved = logs + STEP_LOG * (np.arange(len(logs)) == len(logs) - 1)
             slope = self.residuals([*chosen, i], moved) - self.residuals([*chosen, i], logs)
-            information = float(np.sum((slope / STEP_LOG) ** 2))
+            information = float(np.sum((slope[: 2 * len(self.exact)] / STEP_LOG) ** 2))
             if information < 1e-12:
                 continue
             size[i] = logs[-1]
@@ -293,8 +303,9 @@ class _ResponseChange:
         return _Tests(size, deviation, gain)
 
     def other_p(self, chosen: Sequence[int]) -> float:
-        chi2 = self.fitted(chosen)[1]
-        return float(special.chdtrc(2 * len(self.today.response), chi2))
+        degrees = 2 * len(self.today.response)
+        left = self.residuals(chosen, self.fitted(chosen)[0])[:degrees]
+        return float(special.chdtrc(degrees, np.sum(left**2)))
 
 
 def _of_touch_downs(order: HealthOrder) -> _LinearChange:

@@ -409,7 +409,7 @@ def joint(
     without = known.states_apart(model, states)
     begin = [without if m.free else states for m in measured]
     problem = _in_modes(Responses(model, every, measured, begin, mine, list(errors), states))
-    best = _searched(problem)
+    best = searched(problem)
     found = _evaluated(problem, best, over)
     if found.rejected == "chi2":
         apart = _by_level(problem, best)
@@ -479,7 +479,7 @@ def _in_modes(problem: Responses) -> Responses:
     return min(tried, key=lambda pair: pair[0])[1]
 
 
-def _searched(problem: Responses) -> Samples:
+def searched(problem: Responses) -> Samples:
     """Searches from all start points. Returns the logarithms of the best parameters.
 
     A result far from its priors may be a local minimum, such as a heavy workpiece on a stiff spring
