@@ -59,13 +59,6 @@ def rows_of(found: ContactFit) -> list[str]:
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
     lines += model_rows(found)
-    if found.p_value < 0.05:
-        lines += [
-            f"{'':12} {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations "
-            f"at {one.worst_s:.4g} s, p = {one.p:.2g}"
-            for one in found.stretches[:STRETCHES_SHOWN]
-        ]
-        lines += element_rows(found)
     if found.convergence:
         run = found.convergence
         lines.append(
@@ -90,18 +83,35 @@ def model_rows(found: ContactFit) -> list[str]:
     verdict = "the model explains the recordings"
     if found.rejected:
         verdict = "the model is rejected: it does not explain the recordings"
-    elif found.model_error and found.p_value < 0.001:
-        verdict = "without an error of the model, it would be rejected"
+    elif found.p_with_error is not None and found.p_value < 0.001:
+        verdict = "an exact model would be rejected"
     elif found.p_value < 0.05:
         verdict = "the model hardly explains the recordings"
-    lines = [f"model        p = {found.p_value:.2g}: {verdict}"]
     if found.p_with_error is not None and found.rejected:
-        lines[0] += f", even with the largest error of the model, p = {found.p_with_error:.2g}"
-    elif found.p_with_error is not None:
+        verdict += f", even with the largest error of the model, p = {found.p_with_error:.2g}"
+    lines = [f"model        p = {found.p_value:.2g}: {verdict}"]
+    if found.p_value < 0.05:
+        lines += [
+            f"{'':12} {one.touch}, {one.signal}: off by {one.worst_deviations:.3g} deviations "
+            f"at {one.worst_s:.4g} s, p = {one.p:.2g}"
+            for one in found.stretches[:STRETCHES_SHOWN]
+        ]
+    if found.p_with_error is not None and not found.rejected:
+        parts = [words_of(found.model_error)] if found.model_error else []
+        if found.freed:
+            off = [
+                f"{name} {100 * (one.value / one.prior - 1):+.2g} %"
+                for name, one in found.parameters.items()
+                if name in found.freed
+            ]
+            parts.insert(0, f"{', '.join(off)}, which were fitted too")
         lines.append(
-            f"model error  {words_of(found.model_error)}: with it the model explains the "
-            f"recordings, p = {found.p_with_error:.2g}, and the widths contain it"
+            f"model error  {'; '.join(parts)}: with it the model explains the recordings, "
+            f"p = {found.p_with_error:.2g}, and the widths contain it"
         )
+    # If the numbers of the drive explain the recordings, no other element was tried.
+    if found.elements or (found.p_value < 0.05 and (found.rejected or not found.freed)):
+        lines += element_rows(found)
     return lines
 
 
@@ -198,7 +208,8 @@ def contact(
     recordings do not determine: their standard deviation is more than a third of that of their
     prior. A p value says whether an exact model explains the recordings. Below 0.05, the command
     names the parts of the recordings that do not fit, and ranks elements that the model may lack.
-    A model that is nearly right gets an error, which makes the intervals wide. If this error would
+    In a model that is nearly right, the parameters of [drive] are then fitted too, unless --set
+    gives their values, and it gets an error, which makes the intervals wide. If this error would
     have to be larger than 5 % or --model-error, the model is rejected. If it is rejected, or the
     chains of the sampler do not agree in time, no posterior.json is written, one of an earlier call
     is removed, and the exit status is 1.

@@ -4,6 +4,10 @@ Share and correlation time of each error are those of the largest marginal likel
 near the most likely one are approximated linearly, so that parameters, unknowns and errors are
 integrated exactly. A prior of the share favours a model without an error: an error of a percent is
 found only if the recordings ask for it.
+
+The numbers of the drive are known as well as a data sheet states them. If an exact model is
+rejected, they are fitted too, because an error of the command cannot stand for a wrong gain: the
+parameters of the workpiece absorb it.
 """
 
 import math
@@ -15,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from forceaxis.commission import contact_search as searching
+from forceaxis.commission import known
 from forceaxis.commission.contact_data import Floats
 from forceaxis.commission.contact_likelihood import ContactProblem, ErrorPart
 from forceaxis.linear.posterior import ModelError
@@ -36,7 +41,7 @@ VISIBLE = 0.03
 START_SHARE, START_S = 0.01, 0.03
 # Smallest share and correlation time in s of the errors of force and position, if an exact model is
 # rejected. A model that is wrong in one place is exact nowhere, although parameters may hide it.
-FLOOR, FLOOR_S = 0.004, 0.1
+FLOOR, FLOOR_S = 0.0025, 0.1
 STARTS = 4  # number of start points of the search with errors of START_SHARE
 INVISIBLE = 1e-4  # variance of an error below which it is left out, divided by that of the noise
 RESPONSE_SHARE = 1e-3  # change of the command for its numerical derivatives, as a share
@@ -188,6 +193,25 @@ class _Evidence:
                 if chosen[kind].share < floor:
                     chosen[kind] = ModelError(floor, FLOOR_S)
         return {k: e for k, e in chosen.items() if given or self.largest(k, e) > VISIBLE}
+
+
+def with_drive(
+    problem: ContactProblem, best: Floats, cost: float, seed: int
+) -> tuple[ContactProblem, Floats, float]:
+    """Searches the most likely plant whose drive is not exactly that of the data sheet. Returns the
+    problem in which also those numbers of the drive are fitted that are parameters of the model and
+    that have no given value, its most likely plant, and the cost. `best`, `cost`: those of the
+    exact drive, which are returned if there is no such number."""
+    sheet = known.priors(problem.model, overrides=problem.held)
+    drive = known.drive_parameters(problem.model)
+    free = {n: sheet[n] for n in drive if n in sheet and n not in {*problem.names, *problem.held}}
+    if not free:
+        return problem, best, cost
+    wider = ContactProblem(
+        problem.model, problem.data, problem.priors | free, problem.held, problem.site
+    )
+    wider.calls = problem.calls
+    return wider, *searching.search(wider, seed)
 
 
 @dataclass(frozen=True)

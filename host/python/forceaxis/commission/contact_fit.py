@@ -130,19 +130,24 @@ def _identified(order: ContactOrder, site: int | Workers) -> Identified:
     with progress.phase("searching the most likely plant"):
         best, cost = searching.search(exact, order.seed)
         checked = contact_check.check(exact, best)
-        problem, near, p_with_error = exact, best, None
+        is_rejected = checked.p < REJECTED_BELOW
+        base, base_p = exact, checked.p
+        if order.model_error is None and is_rejected:
+            base, best, cost = contact_error.with_drive(exact, best, cost, order.seed)
+            base_p = contact_check.check(base, best).p
+        freed = tuple(name for name in base.names if name not in exact.names)
+        problem, near, p_with_error = base, best, base_p if freed else None
         if order.model_error != {}:
-            is_rejected = checked.p < REJECTED_BELOW
-            found = contact_error.searched(exact, best, is_rejected, order.seed, order.model_error)
+            found = contact_error.searched(base, best, is_rejected, order.seed, order.model_error)
             problem, near = found.same, found.point
             if problem.errors:
                 p_with_error = contact_check.check(found.own, near).p
     rejected = (checked.p if p_with_error is None else p_with_error) < REJECTED_BELOW
     elements: tuple[TriedElement, ...] = ()
-    if checked.p < DOUBTED_BELOW:
-        elements = contact_elements.tried(exact, best, cost, order.seed)
+    if base_p < DOUBTED_BELOW:
+        elements = contact_elements.tried(base, best, cost, order.seed)
     if rejected:
-        problem, near = exact, best
+        problem, near = base, best
     sampled = None
     spread = np.sqrt(np.diag(searching.covariance(problem, near)))
     if not rejected:
@@ -158,6 +163,7 @@ def _identified(order: ContactOrder, site: int | Workers) -> Identified:
         p_value=checked.p,
         p_with_error=p_with_error,
         model_error=contact_error.sizes_of(problem, near),
+        freed=freed,
         rejected=rejected,
         stretches=checked.stretches,
         elements=elements,

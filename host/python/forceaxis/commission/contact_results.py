@@ -43,9 +43,10 @@ class ContactRecording:
 @dataclass(frozen=True, kw_only=True)
 class ContactFit:
     """The result of identify(). `p_value`: p value of the exact model, whose residuals are noise.
+    `freed`: numbers of the drive that were fitted too, because an exact model is rejected.
     `model_error`: {signal: error} with which a model that is nearly right explains the recordings.
-    `p_with_error`: p value of the model with these errors, or None without them. `rejected`: True
-    if the model, with its errors, does not explain the recordings (p below 0.001). In this case,
+    `p_with_error`: p value of the model with both, or None without them. `rejected`: True if the
+    model, with its errors, does not explain the recordings (p below 0.001). In this case,
     `parameters` have no meaning, and there are no secants, no convergence and no posterior. There
     is also no posterior if the sampler has not converged; the intervals are then too narrow.
     `elements`: elements that the model may lack, sorted with the best first. They are tried if p is
@@ -60,6 +61,7 @@ class ContactFit:
     untold: tuple[str, ...]
     p_value: float
     p_with_error: float | None
+    freed: tuple[str, ...]
     model_error: dict[str, ErrorSize]
     rejected: bool
     stretches: tuple[StretchCheck, ...]

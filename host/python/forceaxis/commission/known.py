@@ -71,6 +71,12 @@ class Prior:
         return self.spread > 1.0
 
 
+def drive_parameters(model: str | Path) -> list[str]:
+    """Returns the names that the table [drive] of a model gives in place of numbers."""
+    given = [getattr(model_file.read(model).drive, key) for key in DRIVE_SPREADS]
+    return [name for name in given if isinstance(name, str)]
+
+
 def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
     overrides: linear.Overrides | None = None,
