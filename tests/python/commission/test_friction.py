@@ -543,7 +543,7 @@ def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press
 @pytest.mark.parametrize("words", [("free",), (60.0,)])
 def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)
-    with pytest.raises(Refusal, match="a larger level") as refused:
+    with pytest.raises(Refusal, match="a larger excitation level") as refused:
         measured(hidden, press / "model.toml", *words, amplitude=3)
     assert refused.value.name == "friction" and " N" in refused.value.text
     if words != ("free",):

@@ -816,7 +816,7 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
             "run again"
         ]
         (designed / tune_folder.TUNE.name).write_text(json.dumps(before | {"serial_number": 99}))
-        with pytest.raises(InputError, match="this axis, got a folder with another serial_number"):
+        with pytest.raises(InputError, match="this axis, got results with a different serial_number"):
             tune.Tuning(axis, order(plants), designed)
 
 

@@ -180,7 +180,7 @@ def test_too_short_a_ring_down_is_refused(tmp_path):
     y = np.exp(-2 * t) * np.cos(2 * np.pi * 10 * t)
     file = save(tmp_path / "a.csv", time_s=t, a=y, b=y)
     assert "--signal" in refusal("decrement", file)
-    assert "column of the name c" in refusal("decrement", file, "--signal", "c")
+    assert "column with the name c in the first line" in refusal("decrement", file, "--signal", "c")
     assert "3 cycles, got 2" in refusal("decrement", file, "--signal", "a", "--to-s", 0.26)
     assert "3 cycles, got 0" in refusal("decrement", file, "--signal", "a", "--to-s", 0.05)
     assert "got both options" in refusal(
@@ -287,7 +287,7 @@ def test_too_few_speeds_are_refused(tmp_path):
         "tach", rows((1e200, 1, 1), (2, 2, 2), (3, 3, 3))
     )
     file.write_text("speed_rad_per_s,tach_V,tach_V\n1,2,3\n2,4,6\n3,6,9\n")
-    assert "exactly one column of the name tach_V" in refusal("tach", file)
+    assert "exactly one column with the name tach_V" in refusal("tach", file)
     file.write_bytes(b"speed_rad_per_s,tach_V\n\xff,1\n")
     assert f"{file}: expected a CSV file in UTF-8" in refusal("tach", file)
 

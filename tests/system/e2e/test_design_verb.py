@@ -329,7 +329,7 @@ def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
     text = str(refused.value)
     assert "never touches the workpiece at a distance of 5 mm" in text
     assert (
-        "position gain" in text and "flexure" in text and "the cause is not the force law" in text
+        "position gain" in text and "flexure" in text and "The force law is not the cause" in text
     )
     assert "softer pad" not in text
 

@@ -265,9 +265,9 @@ class Analyzer:
         if self.samples > most:
             raise ParameterError(
                 "resolution_hz",
-                f"expected a frequency resolution of at least {TICKS_PER_S / most:.2g} Hz, so "
-                f"that the recorder can store a complete period, got {self.order.resolution_hz:g} "
-                "Hz"
+                f"expected a frequency resolution of at least {TICKS_PER_S / most:.2g} Hz, got "
+                f"{self.order.resolution_hz:g} Hz; with a finer resolution, the recorder of the "
+                "axis cannot store a complete period"
             )  # fmt: skip
 
     def set(self, **values: Value) -> None:
@@ -431,7 +431,7 @@ class Analyzer:
             raise Refusal(
                 "amplitude",
                 "expected an excitation amplitude at which force and travel of the axis stay "
-                f"within their bounds, but the axis ended each excitation: {ends}"
+                f"within their bounds, but the axis stopped every excitation early: {ends}"
                 + self._remedy(level),
             )
         output = excitation.output
@@ -614,10 +614,9 @@ class Analyzer:
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
             self.set(target_force=self.per_mille(wanted))
         raise Refusal(
-            "bias", f"expected a measured force of {force_N:g} N, but the force settles at "
-            f"{reached:.3g} N with the force law of the axis and a target_force of "
-            f"{self.per_mille(wanted):.4g} per mille; raise force_limit, rated_force or the gain "
-            "of the law"
+            "bias", f"expected a measured force of {force_N:g} N, but with target_force "
+            f"{self.per_mille(wanted):.4g} per mille the force law of the axis holds only "
+            f"{reached:.3g} N; raise force_limit, rated_force or the gain of the law"
         )  # fmt: skip
 
     def _touch(self) -> None:
@@ -852,6 +851,6 @@ def _expect_enabled(state: EnabledObjects) -> None:
     if state.fault != "none" or state.drive_state != "operation_enabled":
         raise Refusal(
             "fault" if state.fault != "none" else "disabled",
-            f"expected an axis that remains enabled, but the state is {state.drive_state} with "
-            f"the fault {state.fault}",
+            "expected an axis that stays enabled during the measurement, but the drive state is "
+            f"{state.drive_state} with the fault {state.fault}",
         )

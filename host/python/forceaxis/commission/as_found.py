@@ -77,7 +77,8 @@ class FolderFile(Generic[T]):
         content = self.read(folder)
         if content is None:
             raise InputError(
-                f"{folder / self.name}: expected this file, but the file is missing; {self.remedy}"
+                f"{folder / self.name}: expected a file of an earlier run, but this file is "
+                f"missing; {self.remedy}"
             )
         return content
 
@@ -198,8 +199,9 @@ def _recover(folder: AxisFolder) -> None:
     known = _identity(axis)
     if any(held.axis.get(name, value) != value for name, value in known.items()):
         raise InputError(
-            f"{folder.folder / FOUND.name}: expected values of the axis {known}, got values of "
-            f"the axis {held.axis}, whose run was killed; give another folder"
+            f"{folder.folder / FOUND.name}: expected a folder with values of the axis {known}, got "
+            f"a folder with values of the axis {held.axis} that a killed run left; give another "
+            "folder"
         )
     (raw,) = axis.link.read(["fault"]).values()
     fault = enum("fault", raw)

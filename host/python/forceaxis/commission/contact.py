@@ -126,7 +126,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
             done = simulation.run(jobs, os.cpu_count() or 1)
         except _core.SimulationError as error:
             raise Refusal(
-                "simulation", f"expected a simulation that ends without an error, got: {error}"
+                "simulation", f"expected a simulated contact without an error, got: {error}"
             ) from None
     found = []
     for (kind, case, member), one in zip(cases, done, strict=True):
@@ -138,8 +138,8 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
             raise Refusal(
                 f"simulated_{kind}",
                 f"expected a force that settles in the simulated case {case.name}{where}, but "
-                f"this force does not settle ({why(row)}): design with a smaller limit of Ms, or "
-                "for a smaller set of plants"
+                f"the force does not settle ({why(row)}); design with a smaller limit of the "
+                "maximum sensitivity Ms, or for a smaller set of plants"
             )  # fmt: skip
     return tuple(found)
 

@@ -362,8 +362,8 @@ class _Reader:
         volts = recording.held(command, times) * self.volts_per[command]
         if not np.isfinite(volts).all():
             raise InputError(
-                f"{name}: {command}: expected a command signal that the drive of the model "
-                "follows; import the command of the drive as voltage_command"
+                f"{name}: {command}: expected a command signal of the kind that the drive of the "
+                "model has as its input; import the command of the drive as voltage_command"
             )
         onset, free = self._onset(name, force, first)
         begun = self.samples(force, first, last, free)
@@ -407,9 +407,9 @@ class _Reader:
             position, speed = None, float(recording.sampled("speed", np.array([begin]))[0])
         else:
             raise InputError(
-                f"{name}: expected a command, a position or a speed in addition to the force, got "
-                f"a recording of {', '.join(recording.names)}; without one of them no parameter "
-                "can be identified"
+                f"{name}: expected a recording of the force and of a command, a position or a "
+                f"speed, got a recording of {', '.join(recording.names)} alone; record one of "
+                "these signals too"
             )
         held = speed / self.speed_per_volt if math.isfinite(self.speed_per_volt) else 0.0
         onset = (touch_s - begin) * self.rate + ahead

@@ -334,7 +334,7 @@ def _refusal(p: float, model: str, about: RecordedFriction) -> Refusal:
         "friction", "expected a model that explains the measured response, but the response does "
         f"not fit (p = {p:.2g}), and a damper cannot represent the measured friction "
         f"({_in_words(about)}): {hidden}add the friction to the model, fit further parameters, or "
-        "measure with a larger force or level", lines,
+        "measure with a larger force or excitation level", lines,
     )  # fmt: skip
 
 

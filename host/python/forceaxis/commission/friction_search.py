@@ -92,7 +92,9 @@ class FrictionSearch:
         except Refusal as refusal:
             if refusal.name != "friction" or not own:
                 raise
-            raise Refusal(refusal.name, f"{refusal.text}, or give a larger level") from None
+            raise Refusal(
+                refusal.name, f"{refusal.text}, or give a larger excitation level"
+            ) from None
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
@@ -166,12 +168,12 @@ class FrictionSearch:
         newtons = f", {self.found.moving_N:.3g} N of dry friction" if self.newton else ""
         where = "apart" if level.bias_N is None else f"with {level.bias_N:.3g} N"
         bounds = "a larger travel" if level.bias_N is None else "larger forces and force_max_N"
-        bounds = "a larger level" if self.order.amplitude else bounds
+        bounds = "a larger excitation level" if self.order.amplitude else bounds
         raise Refusal(
-            "friction", "expected an excitation at which the axis slides, but the noise of "
-            f"{level.amplitude} DAC codes {where} does not exceed the dead zone of guide and "
-            f"gear, {dead_zone:.3g} codes{newtons}: the response shows only the friction; give "
-            f"{bounds}, or grease the guide",
+            "friction", "expected an excitation at which the axis slides, but an excitation "
+            f"by noise of {level.amplitude} DAC codes {where} does not exceed the dry friction of "
+            f"guide and gear, {dead_zone:.3g} DAC codes{newtons}: the response shows only the "
+            f"friction; permit {bounds}, or grease the guide",
             self.found.lines,
         )  # fmt: skip
 

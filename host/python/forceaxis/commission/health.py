@@ -359,8 +359,8 @@ def _of_responses(order: HealthOrder) -> _ResponseChange:
     model = str(linear.find_model(order.model))
     if len(order.today) != 1:
         raise InputError(
-            "expected exactly one frequency response of today for the comparison with "
-            f"{paths.display(order.released)}, got {len(order.today)}"
+            "expected exactly one frequency response that was measured today, to compare it with "
+            f"{paths.display(order.released)}, got {len(order.today)} frequency responses"
         )
     today = read_response(order.today[0], model, order.held)
     released = read_response(order.released, model, order.held)

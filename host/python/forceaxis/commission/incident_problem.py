@@ -181,8 +181,8 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     if len(force_N) < FREE_TICKS_MIN or float(quiet.max()) > touching:
         raise InputError(
             f"{incident.where}: expected an incident whose recording begins out of contact, got "
-            f"{len(force_N)} ticks of which the first has a force of {force_N[0]:.3g} N; a fault "
-            "can be explained only if the axis began out of contact"
+            f"a recording of {len(force_N)} ticks that begins with a force of {force_N[0]:.3g} N; "
+            "only a recording that begins out of contact can be explained"
         )
     touched = np.flatnonzero(np.abs(force_N - float(np.median(quiet))) > limit)
     onset = int(touched[0]) if len(touched) else len(force_N) - 1

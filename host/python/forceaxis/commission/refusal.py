@@ -15,7 +15,8 @@ class Refusal(Exception):
     """Exception: a step of the commissioning ended without a result.
 
     `name` is one word by which programs can recognise the reason. `text` is one line that states
-    the finding, the expectation and the remedy. `lines` is TOML text to add to the model, or "".
+    the finding, the expectation and the remedy. `lines` is TOML text to add to the model; it may
+    be empty.
     """
 
     def __init__(self, name: str, text: str, lines: str = "") -> None:
@@ -39,7 +40,7 @@ def of_link(axis: Axis, error: Exception) -> Refusal:
     if source != axis.link.source or fault in ORPHANED:
         about = f"the owner is {owner} and the fault is {fault}"
         return Refusal(
-            "ownership", f"expected this program to stay the owner of the axis, but {about}: {text}"
+            "ownership", f"expected this program to keep control of the axis, but {about}: {text}"
         )
     if fault != "none":
         return Refusal(fault, f"expected an axis without a fault, got {fault}: {text}")

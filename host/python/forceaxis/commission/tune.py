@@ -525,15 +525,16 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         state = axis.text(f"bank_state_{experiment_file.BANK}")
         _restore_earlier_law(tuning)
         raise Refusal(
-            "bank" if state == "valid" else state, f"expected the axis to accept the bank: {error}"
+            "bank" if state == "valid" else state,
+            f"expected the axis to accept the filter bank of the force law, got: {error}",
         ) from None
     certificate = axis.text(f"certificate_state_{experiment_file.BANK}")
     if certificate != "fits":
         _restore_earlier_law(tuning)
         raise Refusal(
             "certificate",
-            "expected a certificate that matches the axis, got the certificate state "
-            f"{certificate}",
+            "expected a certificate of the filter bank that is valid for the axis, got the "
+            f"certificate state {certificate}",
         )
     as_found.replace_saved(tuning, axis.link.read(list(values)))
     return Written(certificate, len(values))
@@ -633,8 +634,8 @@ def _verified(
             return row, used
         tuning.say("the sensitivity function is uncertain at all frequencies: more averages")
     raise Refusal(
-        "verify", "expected at least one frequency at which the measured sensitivity function has "
-        "a small uncertainty, got none; give more averages"
+        "verify", "expected at least one frequency at which the uncertainty of the measured "
+        "sensitivity function is small, got none; measure with more averages"
     )  # fmt: skip
 
 
@@ -659,7 +660,9 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
             return Stored(False, str(error))
         _restore_earlier_law(tuning)
         raise Refusal(
-            "store", f"expected the axis to store the law: {error}; {EARLIER_LAW_AGAIN}"
+            "store",
+            "expected the axis to store the force law in its memory, got: "
+            f"{error}; {EARLIER_LAW_AGAIN}",
         ) from None
     return Stored(True)
 
@@ -692,8 +695,8 @@ class TuningStep(Generic[R]):
         if done is None:
             raise Refusal(
                 self.name,
-                "expected the complete result of this step from an earlier run, got none; run "
-                "this step first",
+                "expected the complete result of this step of `tune` from an earlier run, got "
+                "none; run this step first",
             )
         return done
 
@@ -767,8 +770,9 @@ def _expect_forces(order: TuningOrder) -> None:
     together with the excitation."""
     if len(order.forces) < 2:
         raise ParameterError(
-            "forces", f"expected at least two forces, got {len(order.forces)}: a single force does "
-            "not show which properties depend on the force; give for example 30 and 150"
+            "forces", f"expected at least two forces, got {len(order.forces)}; with a single "
+            "force, `tune` cannot find which parameters depend on the force; give two forces, for "
+            "example 30 and 150"
         )  # fmt: skip
     most_N = order.force_max_N / (1 + analyzer.SWING / 2)
     if max(order.forces) >= most_N:
@@ -849,8 +853,8 @@ class Tuning(TuningFolder):
             other = [key for key in AXIS_KEYS if before[key] != now[key]]
             if other:
                 raise InputError(
-                    f"{self.folder}: expected a folder with a tuning of this axis, got a folder "
-                    f"with another {', '.join(other)}; give another folder"
+                    f"{self.folder}: expected a folder with the results of `tune` for this axis, "
+                    f"got results with a different {', '.join(other)}; give another folder"
                 )
             self._renew(held, identity)
         TUNE.write(self.folder, identity)

@@ -150,7 +150,7 @@ def read_touch_down(file: Path) -> TouchDownRecord:
         good = False
     if not good:
         raise InputError(
-            f"{file}: expected a file of a tuning with numbers in the columns "
+            f"{file}: expected a file that `tune` has written, with numbers in the columns "
             f"{', '.join(TOUCH_DOWN_COLUMNS)}; delete this file and verify.json, so that `tune` "
             "repeats the step"
         )

@@ -170,10 +170,10 @@ def _between(
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
         raise Refusal(
-            "soft", f"expected an axis that is softest at {low:g} N or at {high:g} N, but near "
-            f"{found.softest_N:.3g} N an equal change of force moves the axis {found.softest:.2g} "
-            f"times as far: measure with the forces {forces}, or only with forces above or only "
-            f"with forces below {found.softest_N:.3g} N"
+            "soft", f"expected the smallest stiffness at {low:g} N or at {high:g} N, but the "
+            f"axis is {found.softest:.2g} times as soft near {found.softest_N:.3g} N; measure with "
+            f"the forces {forces}, or only with forces above or only with forces below "
+            f"{found.softest_N:.3g} N"
         )  # fmt: skip
     tuning.say(
         f"from {found.low_N:.3g} to {found.high_N:.3g} N and back: {found.way} counts, "

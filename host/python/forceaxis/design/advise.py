@@ -367,7 +367,8 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
     the one that reaches the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError(
-            "gain: expected a loop with a critical gain, got a loop that is stable at every gain"
+            "gain: expected a loop with a critical gain, got a loop that is stable at every gain; "
+            "no gain limits this loop, so there is nothing to compare"
         )
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
     branches = loop.locus(gains)

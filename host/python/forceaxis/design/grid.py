@@ -179,7 +179,7 @@ class Grid:
         if not self.core.kept:
             for member in self.members:
                 self.plants.loop(member, "zoh")  # raises InputError, which names the missing path
-            raise _core.InputError("members: expected at least one plant, got none")
+            raise _core.InputError("members: expected at least one plant in the set, got none")
         self.members = [self.members[i] for i in self.core.kept]
 
     def evaluate(

@@ -61,8 +61,8 @@ def _of_parameters(path: Path) -> FirmwareLaw:
         selected = bank.of_settings(values)
     except KeyError as missing:
         raise InputError(
-            f"{path}: expected all values of the bank {values['force_bank']:g} that force_bank "
-            f"selects, got none of {missing.args[0]}"
+            f"{path}: expected all values of the filter bank {values['force_bank']:g}, which "
+            f"force_bank selects, but the value {missing.args[0]} is missing"
         ) from None
     if selected:
         return FirmwareLaw(law="bank", bank=selected)
@@ -97,8 +97,8 @@ def _stored(where: str, given: BankFigures) -> Bank:
     for number, section in enumerate(given.sections, 1):
         if len(section) != count:
             raise InputError(
-                f"{where}: sections: section {number}: expected the {count} numbers "
-                f"{COEFFICIENTS}, got {len(section)}"
+                f"{where}: sections: section {number}: expected the {count} coefficients "
+                f"{COEFFICIENTS}, got {len(section)} numbers"
             )
         for value in section:
             _expect(f"{where}: sections: section {number}", "bank_coefficient_1", value)

@@ -138,7 +138,8 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
         return spare
     raise _core.InputError(
         "simulation: expected a contact force that settles, but the force does not settle even at "
-        f"{1e3 * speed:.3g} mm/s with {gain:g} of the designed gain ({last.case}: {why(last)}); "
+        f"an approach speed of {1e3 * speed:.3g} mm/s and {gain:g} times the designed gain "
+        f"({last.case}: {why(last)}); "
         f"{bench.remedy(last)}"
     )
 

@@ -413,9 +413,8 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
         if loop.limit().gain == 0:
             raise InputError(
                 f"{loop.model}: {member.label()}: expected a plant whose force loop is stable "
-                f"with a small gain, but this plant is {loop.limit().reason}; add damping, or "
-                "give smaller "
-                "tolerances"
+                f"with a small gain, but this plant is {loop.limit().reason}; add damping to "
+                "the model, or give smaller tolerances"
             )
 
 

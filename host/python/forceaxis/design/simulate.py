@@ -713,9 +713,9 @@ def safe(
         return SafeDesign(tried, loss, chosen, cuts)
     last, share = cuts[-1], tried.force_gain / bank.force_gain
     raise InputError(
-        f"simulation: expected a contact force that settles, but the case {last.case} does not "
-        f"settle even at the gain {last.force_gain:.3g}, {share:.2g} of the designed gain "
-        f"({last.why}); {bench.remedy(refused)}"
+        f"simulation: expected a contact force that settles, but the force in the simulated case "
+        f"{last.case} does not settle even at the gain {last.force_gain:.3g}, which is {share:.2g} "
+        f"times the designed gain ({last.why}); {bench.remedy(refused)}"
     )
 
 
@@ -728,8 +728,8 @@ def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> Non
     gain = float(bench.settings["position_gain"])
     raise InputError(
         f"simulation: expected an approach that reaches the workpiece, but {never[0].case} never "
-        f"touches the workpiece at a distance of {1e3 * bench.gap_m():.3g} mm; the cause is not "
-        f"the force law: the position gain {gain:.4g} is too small for a flexure, gravity or dry "
-        "friction, or the approach is too slow; raise [firmware] position_gain or the approach "
-        "speed, or start nearer to the workpiece"
+        f"touches the workpiece at a distance of {1e3 * bench.gap_m():.3g} mm. The force law is "
+        f"not the cause: either the position gain {gain:.4g} is too small against flexure, gravity "
+        "or dry friction, or the approach is too slow; raise [firmware] position_gain or the "
+        "approach speed, or start nearer to the workpiece"
     )

@@ -39,9 +39,8 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
     for name in names:
         if header.count(name) != 1:
             raise InputError(
-                f"{path}: expected exactly one column of the name {name}, got the columns "
-                f"{', '.join(header) or '(none)'}; write the names of the columns in the first "
-                "line"
+                f"{path}: expected exactly one column with the name {name} in the first line, got "
+                f"the columns {', '.join(header) or '(none)'}; correct the names in the first line"
             )
     places = [header.index(name) for name in names]
     columns: list[list[float]] = [[] for _ in names]

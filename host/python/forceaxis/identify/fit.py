@@ -287,9 +287,9 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
     if size[-1] < LEAST_SINGULAR_RATIO * size[0]:
         together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
         raise InputError(
-            f"{where}: expected parameters with different effects on the response, but only a "
-            f"combination of {', '.join(together)} changes the response; remove one of these "
-            "parameters from the fit"
+            f"{where}: expected parameters with different effects on the response, but the "
+            f"response shows only a combination of {', '.join(together)}, and not each of these "
+            "parameters; remove one of these parameters from the fit"
         )
 
 

@@ -196,8 +196,8 @@ def settling_steps(system: linear.System, where: str) -> int:
     if size.max(initial=0) > 1 + 1e-7:
         rate = float(np.log(size.max()) / system.dt)
         raise InputError(
-            f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
-            "the excited axis is unstable; change the parameters, or measure with open contacts"
+            f"{where}: model: expected a stable plant, got an unstable pole at "
+            f"+{rate:.3g} 1/s; change the parameters, or measure with open contacts"
         )
     # True for each pole of an integrator. The drift of an integrator is removed from recordings.
     still = abs(poles - 1) < 1e-7
@@ -274,8 +274,8 @@ def measure_setup(
     if steps > MOST_STEPS:
         raise InputError(
             f"{where}: resolution_hz: expected a measurement of at most {MOST_STEPS / rate:g} s, "
-            f"got {steps / rate:.4g} s, of which the axis settles for {settling / rate:.3g} s; "
-            "raise resolution_hz or take fewer averages"
+            f"got {steps / rate:.4g} s, including {settling / rate:.3g} s in which the axis "
+            "settles; raise resolution_hz or take fewer averages"
         )
 
     bench = ExcitedPlant(setup, {**overrides, **(plant_set or {})}, parts, samples, where)
@@ -324,7 +324,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
         if last < first:
             raise InputError(
                 f"{where}: resolution_hz: expected at most a third of the highest frequency of "
-                "band_hz, because window hann omits the first two lines of the spectrum, got "
+                "band_hz, because the Hann window makes the first two spectral lines useless, got "
                 f"{rate / samples:g} Hz"
             )
     lines = np.arange(first, last + 1)

@@ -223,8 +223,8 @@ def ring_down(
     if not explained >= LEAST_EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
         raise InputError(
             f"{where}: expected a record of one decaying vibration, but the best fit explains "
-            f"only {100 * max(explained, 0):.3g} % of the record; select a part of the record by "
-            "`from_s` and `to_s`, filter the record, or strike harder"
+            f"only {100 * max(explained, 0):.3g} % of the record; select a section of the record "
+            "by `from_s` and `to_s`, filter the record, or strike the structure harder"
         )
     cycles = int(time[-1] * omega / (2 * math.pi) + 0.01)
     if cycles < LEAST_CYCLES:
@@ -413,8 +413,8 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
     lowest = math.sqrt(4 * k / m) / (2 * math.pi)
     if f < lowest:
         raise InputError(
-            f"split: frequency: expected at least {lowest:.5g} Hz, the frequency for two equal "
-            f"masses with the total mass {m:g} kg and a spring of {k:g} N/m, got {f:g} Hz; check "
+            f"split: frequency: expected at least {lowest:.5g} Hz, which is the frequency of two "
+            f"equal masses of {m:g} kg in total on a spring of {k:g} N/m, got {f:g} Hz; check "
             "total mass, stiffness and frequency"
         )
     large, small = (
@@ -451,7 +451,8 @@ def regression_of(
     if not at.any() or (offset and np.ptp(at) == 0):
         contents = "different values" if offset else "values other than 0"
         raise InputError(
-            f"{path}: {x}: expected a column with {contents}; measure at several speeds"
+            f"{path}: {x}: expected a column with {contents}, got only the value {at[0]:g}; "
+            "measure at several speeds"
         )
     columns = np.stack([at, np.ones(len(at))], 1) if offset else at[:, None]
     found = regression(columns, values)
