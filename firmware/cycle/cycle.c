@@ -219,17 +219,14 @@ static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   return cycle->depth;
 }
 
-/* Returns true if a condition on the travel or on the depth is met. */
-static bool has_travelled(cycle_t *cycle, const cycle_condition_t *condition,
-                          const cycle_inputs_t *now) {
-  switch (condition->when) {
-    case CYCLE_TRAVEL_ABOVE:
-      return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)condition->level;
-    case CYCLE_DEPTH_ABOVE:
-      return cycle->zeroed != 0 && depth_now(cycle, now) >= condition->level;
-    default:
-      return cycle->zeroed != 0 && depth_now(cycle, now) <= condition->level;
+/* Returns true if a condition on the depth is met. */
+static bool is_deep(cycle_t *cycle, const cycle_condition_t *condition, const cycle_inputs_t *now) {
+  if (cycle->zeroed == 0) {
+    return false;
   }
+  const int32_t depth = depth_now(cycle, now);
+  return (condition->when == CYCLE_DEPTH_ABOVE) ? depth >= condition->level
+                                                : depth <= condition->level;
 }
 
 /* Returns true if a condition of the kind `when` can be met in this tick. This is so if the sample
@@ -239,9 +236,10 @@ static bool has_sample(const cycle_t *cycle, uint8_t when, const cycle_inputs_t 
          when == CYCLE_INPUT_OFF || (when == CYCLE_REACHED && cycle->target == CYCLE_TARGET_MET);
 }
 
+/* Returns true if a condition is met. Each kind of condition has a case (-Wswitch-enum). */
 static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cycle_inputs_t *now) {
   const int32_t level = condition->level;
-  switch (condition->when) {
+  switch ((cycle_when_t)condition->when) {
     case CYCLE_NEVER:
       return false;
     case CYCLE_REACHED:
@@ -252,6 +250,11 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
       return cycle->force_q8 >= level;
     case CYCLE_FORCE_BELOW:
       return cycle->force_q8 <= level;
+    case CYCLE_TRAVEL_ABOVE:
+      return fx_magnitude(travel_of(now, cycle->start_cnt)) >= (uint32_t)level;
+    case CYCLE_DEPTH_ABOVE:
+    case CYCLE_DEPTH_BELOW:
+      return is_deep(cycle, condition, now);
     case CYCLE_CONTACT:
       return now->contact != 0;
     case CYCLE_LOST:
@@ -264,7 +267,7 @@ static bool is_met(cycle_t *cycle, const cycle_condition_t *condition, const cyc
     case CYCLE_STIFFNESS_BELOW:
       return has_stiffness(cycle, condition);
     default:
-      return has_travelled(cycle, condition, now);
+      return false;
   }
 }
 

@@ -19,7 +19,12 @@ static bool is_target(const cycle_header_t *program, uint8_t next) {
 }
 
 static bool has_right_level(const cycle_condition_t *condition) {
-  switch (condition->when) {
+  switch ((cycle_when_t)condition->when) {
+    case CYCLE_NEVER:
+    case CYCLE_REACHED:
+    case CYCLE_CONTACT:
+    case CYCLE_LOST:
+      return condition->level == 0;
     case CYCLE_TIME:
     case CYCLE_TRAVEL_ABOVE:
       return condition->level > 0;
@@ -36,7 +41,7 @@ static bool has_right_level(const cycle_condition_t *condition) {
     case CYCLE_STIFFNESS_BELOW:
       return true;
     default:
-      return condition->level == 0;
+      return false;
   }
 }
 

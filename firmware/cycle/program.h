@@ -104,7 +104,7 @@ enum {
  *                 complete section of stiffness_travel in this phase, is at least `level`. The unit
  *                 of `level` is 1/65536 of 1/256 count of force per encoder count.
  *                 STIFFNESS_BELOW: it is at most `level` */
-enum {
+typedef enum {
   CYCLE_NEVER = 0,
   CYCLE_REACHED = 1,
   CYCLE_TIME = 2,
@@ -118,9 +118,9 @@ enum {
   CYCLE_INPUT_ON = 10,
   CYCLE_INPUT_OFF = 11,
   CYCLE_STIFFNESS_ABOVE = 12,
-  CYCLE_STIFFNESS_BELOW = 13,
-  CYCLE_CONDITION_KINDS = 14
-};
+  CYCLE_STIFFNESS_BELOW = 13
+} cycle_when_t;
+enum { CYCLE_CONDITION_KINDS = CYCLE_STIFFNESS_BELOW + 1 };
 
 typedef struct {
   uint8_t when;

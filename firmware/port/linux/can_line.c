@@ -35,6 +35,8 @@ const char *can_line_error(can_raw_result_t result) {
       return "expected the name of a CAN interface such as can0";
     case CAN_RAW_NO_INTERFACE:
       return "expected a CAN interface, but no interface has this name";
+    case CAN_RAW_OPEN:
+    case CAN_RAW_REFUSED:
     default:
       return strerror(errno);
   }
