@@ -72,7 +72,7 @@ struct Applier {
 
 }  // namespace
 
-void apply(const Journal::Entry &entry, FirmwareSide &firmware) {
+void replay_entry(const Journal::Entry &entry, FirmwareSide &firmware) {
   std::visit(Applier{firmware}, entry.what);
 }
 
@@ -97,7 +97,7 @@ RunResult replay(const Journal &journal, const Experiment &experiment, const Run
   auto entry = journal.entries.begin();
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != journal.entries.end() && entry->tick <= plant.tick(); ++entry) {
-      apply(*entry, firmware);
+      replay_entry(*entry, firmware);
     }
     plant.act(firmware.tick(plant.sense()));
     if (options.trace) firmware.trace(objects);

@@ -9,7 +9,7 @@ namespace forceaxis::host {
 
 // Passes one journal entry to the firmware. Must be called before the tick of the entry. For an
 // entry `sensorless`, computes the ticks without sensor values.
-void apply(const Journal::Entry &entry, FirmwareSide &firmware);
+void replay_entry(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // Repeats the run of the journal in one process, up to the last recorded tick. `experiment` must be
 // the experiment of the journal. The plant, the impulses and the failures of the force sensor are

@@ -173,14 +173,14 @@ int replay(const char *file) {
   auto entry = journal.entries.begin();
   const auto end = journal.entries.end();
   for (; entry != end && std::holds_alternative<host::ObjectWrite>(entry->what); ++entry) {
-    apply(*entry, firmware);
+    replay_entry(*entry, firmware);
   }
   Log log(firmware.axis());
   while (plant.running() && plant.tick() < journal.known_ticks()) {
     for (; entry != end && entry->tick <= plant.tick(); ++entry) {
       const auto *const frame = std::get_if<can_frame_t>(&entry->what);
       const DriveBefore before = log.before(frame);
-      apply(*entry, firmware);
+      replay_entry(*entry, firmware);
       if (frame != nullptr) {
         log.refused();
         log.drive(before);
