@@ -161,7 +161,7 @@ LinkOutputs ChipSide::tick(const LinkInputs &in) {
 }
 
 void ChipSide::trace(std::vector<std::int32_t> &objects) const {
-  for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
+  for (const std::uint16_t object : experiment_->trace.objects) objects.push_back(read(object));
 }
 
 std::optional<CycleResult> ChipSide::cycle() const {

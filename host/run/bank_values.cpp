@@ -1,5 +1,6 @@
 #include "host/run/bank_values.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -25,14 +26,15 @@ std::uint16_t to_gain(double value) {
   return static_cast<std::uint16_t>(std::lround(value * kGainsPerUnit));
 }
 
-// Reads the five coefficients b0, b1, b2, a1, a2 of a second-order section.
-void read_section(const sim::Section &section, const toml::node &node, std::int32_t *coefficients) {
+LawSection read_section(const sim::Section &section, const toml::node &node) {
   const toml::array *row = node.as_array();
-  if (row == nullptr || row->size() != FORCE_LAW_COEFFICIENTS)
+  if (row == nullptr || row->size() != std::tuple_size_v<LawSection>)
     section.fail("sections", "expected lists of five numbers, b0, b1, b2, a1 and a2, got " +
                                  (row == nullptr ? sim::kind_of(node)
                                                  : "a list of " + std::to_string(row->size())) +
                                  "; write [[b0, b1, b2, a1, a2]]");
+  LawSection found{};
+  auto coefficient = found.begin();
   for (const toml::node &cell : *row) {
     const double value =
         cell.is_number() ? *cell.value<double>() : std::numeric_limits<double>::quiet_NaN();
@@ -41,11 +43,28 @@ void read_section(const sim::Section &section, const toml::node &node, std::int3
                    "expected numbers from -16 to 16, got " +
                        (cell.is_number() ? sim::number_text(value) : sim::kind_of(cell)) +
                        "; scale the section and increase the gain of the bank");
-    *coefficients++ = static_cast<std::int32_t>(std::lround(value * kCoefficientsPerUnit));
+    *coefficient++ = static_cast<std::int32_t>(std::lround(value * kCoefficientsPerUnit));
   }
+  return found;
 }
 
 }  // namespace
+
+// Returns the sections of the key `sections`. sim::read_table() calls this function.
+static std::optional<LawSections> value_of(sim::Section &section, sim::Names &,
+                                           const sim::KeyFormat &key, LawSections *) {
+  const toml::node *node = section.find(key.key);
+  if (node == nullptr) return std::nullopt;
+  const toml::array *rows = node->as_array();
+  if (rows == nullptr || rows->size() > FORCE_LAW_SECTIONS)
+    section.fail(key.key,
+                 "expected a list of at most three sections, got " +
+                     (rows == nullptr ? sim::kind_of(*node) : std::to_string(rows->size())) +
+                     "; write [[b0, b1, b2, a1, a2]]");
+  LawSections sections;
+  for (const toml::node &row : *rows) sections.all.push_back(read_section(section, row));
+  return sections;
+}
 
 std::optional<std::uint8_t> bank_of_key(std::string_view key) {
   constexpr std::string_view kPrefix = "bank_";
@@ -56,7 +75,6 @@ std::optional<std::uint8_t> bank_of_key(std::string_view key) {
 }
 
 BankValues read_bank(sim::Section &section, std::uint8_t bank) {
-  section.finish();
   sim::Names names;
   const auto given = sim::read_table<Bank>(section, names);
   law_params_t values{};
@@ -64,21 +82,12 @@ BankValues read_bank(sim::Section &section, std::uint8_t bank) {
   values.bank_velocity_gain[bank] = to_gain(given.velocity_gain);
   values.bank_integral[bank] = static_cast<std::uint32_t>(
       std::lround(given.integral_rad_per_s / sim::kTickRateHz * kCoefficientsPerUnit));
+  static_assert(std::tuple_size_v<LawSection> == FORCE_LAW_COEFFICIENTS);
   constexpr int kInBank = FORCE_LAW_SECTIONS * FORCE_LAW_COEFFICIENTS;
   std::int32_t *coefficients = &values.bank_coefficient[bank * kInBank];
-  if (const toml::node *node = section.find("sections"); node != nullptr) {
-    const toml::array *rows = node->as_array();
-    if (rows == nullptr || rows->size() > FORCE_LAW_SECTIONS)
-      section.fail("sections",
-                   "expected a list of at most three sections, got " +
-                       (rows == nullptr ? sim::kind_of(*node) : std::to_string(rows->size())) +
-                       "; write [[b0, b1, b2, a1, a2]]");
-    for (const toml::node &row : *rows) {
-      read_section(section, row,
-                   &coefficients[values.bank_sections[bank] * FORCE_LAW_COEFFICIENTS]);
-      ++values.bank_sections[bank];
-    }
-  }
+  values.bank_sections[bank] = static_cast<std::uint8_t>(given.sections.all.size());
+  std::int32_t *next = coefficients;
+  for (const LawSection &one : given.sections.all) next = std::copy(one.begin(), one.end(), next);
   const auto at = [bank](int first) { return static_cast<std::uint16_t>(first + bank); };
   std::vector<ObjectWrite> writes = {
       {at(AXIS_OBJ_BANK_SECTIONS_1), values.bank_sections[bank]},

@@ -7,6 +7,7 @@
 //   velocity_gain = 0.0         # DAC codes per encoder count a tick
 //   sections = [[b0, b1, b2, a1, a2]]   # up to three, a0 = 1
 //   certificate = false         # absent: with a certificate for this experiment's sensor
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -23,12 +24,21 @@ namespace forceaxis::host {
 // Returns the bank number 0 to 3 for a key bank_1 to bank_4, or nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
 
-// The keys of a bank of the force law, except `sections`, whose value is a list of lists.
+// The coefficients b0, b1, b2, a1 and a2 of a second-order section, as raw values of the firmware.
+using LawSection = std::array<std::int32_t, 5>;
+
+// The sections of a bank, in the order in which the force law computes them.
+struct LawSections {
+  std::vector<LawSection> all;
+};
+
 struct Bank {
+  static constexpr std::string_view kMeaning = "A bank of the force law.";
   double gain = 0.0;
   double integral_rad_per_s = 0.0;
   double velocity_gain = 0.0;
   bool certificate = true;
+  LawSections sections;
 
   static constexpr auto rows() {
     using sim::field;
@@ -44,7 +54,11 @@ struct Bank {
                                            "DAC codes per encoder count per tick.")),
         field(&Bank::certificate,
               other("certificate", "flag", "true",
-                    "Whether the bank has a certificate for the sensor of this experiment."))};
+                    "Whether the bank has a certificate for the sensor of this experiment.")),
+        field(&Bank::sections,
+              other("sections", "list of [b0, b1, b2, a1, a2]", "none",
+                    "Up to three second-order sections with a0 = 1, coefficients from -16 to "
+                    "16."))};
   }
 };
 

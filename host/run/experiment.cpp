@@ -29,205 +29,214 @@ namespace forceaxis::host {
 namespace {
 
 using sim::InputError;
+using sim::KeyFormat;
 using sim::Section;
-
-// Returns the text of a key. The text must not be empty.
-std::string words(Section &section, std::string_view key) {
-  std::string text = section.text(key, "a text");
-  if (text.empty()) section.fail(key, "expected a text, got an empty text; write a text");
-  return text;
-}
-
-std::string optional_words(Section &section, std::string_view key) {
-  return section.has(key) ? words(section, key) : std::string();
-}
 
 std::int64_t tick_at(double time_s) {
   return static_cast<std::int64_t>(std::ceil(time_s * sim::kTickRateHz - 1e-9));
 }
 
-// Returns the struct that a table describes by the rows of the struct.
-template <class T>
-T read_rows(Section &section) {
-  sim::Names names;
-  return sim::read_table<T>(section, names);
-}
+}  // namespace
 
-ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
-  section.finish();
-  const auto failure = read_rows<SensorFailure>(section);
-  if (!model.adc[0])
-    section.fail("force",
-                 "expected a model with ADC 0, got a model without ADC 0; remove this sensor");
-  return failure.force;
-}
+struct ExperimentNames : sim::Names {
+  explicit ExperimentNames(const Experiment &one) : experiment(one) {}
+  const Experiment &experiment;  // the tables before this one have been read
+};
 
-sim::DriveFailure read_drive_failure(Section &section, const sim::Model &model) {
-  section.finish();
-  const auto state = read_rows<DriveState>(section);
-  if (!model.drive || !model.drive->enable_ticks)
-    section.fail("failure",
-                 "expected a model whose [drive] has enable_ticks, got a drive that reports "
-                 "nothing; add enable_ticks to the model or remove this failure");
-  return state.failure;
-}
-
-Action read_action(Section &section, double duration_s, const sim::Model &model,
-                   const std::vector<ObjectWrite> &initial) {
-  section.finish();
-  Action action{};
-  action.tick = tick_at(section.within("time_s", sim::Dimension::time, 0, duration_s));
-  section.one("firmware",
-              [&](Section &objects) { action.writes = read_objects(objects, model, initial); });
-  section.one("impulse", [&](Section &impulse) {
-    impulse.finish();
-    const std::string body = words(impulse, "body");
-    const std::vector<std::string> names = model.point_names();
-    if (sim::find_point(names, body) == sim::kGround)
-      impulse.fail("body", "expected one of " + sim::joined(names) + ", got " +
-                               sim::in_quotes(body) + sim::suggestion(body, names) +
-                               "; name a body of the model");
-    action.impulses.push_back({body, impulse.number("N_s")});
+// sim::read_table() calls the functions value_of() for the members of these types.
+static std::optional<std::vector<sim::Override>> value_of(Section &root, ExperimentNames &,
+                                                          const KeyFormat &key,
+                                                          std::vector<sim::Override> *) {
+  std::vector<sim::Override> overrides;
+  root.one(key.key, [&](Section &section) {
+    for (const auto &[entry, value] : section.table()) {
+      const std::string name(entry.str());
+      if (value.is_number())
+        overrides.push_back({name, *value.value<double>()});
+      else if (value.is_string())
+        overrides.push_back({name, value.ref<std::string>()});
+      else
+        section.fail(name, "expected a number, a quantity or a parameter's name, got " +
+                               sim::kind_of(value) + "; give a number or a string");
+    }
   });
-  section.one("sensor",
-              [&](Section &sensor) { action.force_sensor = read_force_sensor(sensor, model); });
-  section.one("drive", [&](Section &drive) { action.drive = read_drive_failure(drive, model); });
-  if (action.writes.empty() && action.impulses.empty() && !action.force_sensor && !action.drive)
-    section.fail("time_s",
-                 "expected one of the keys firmware, impulse, sensor and drive too, got none; add "
-                 "a key or remove this [[at]]");
-  return action;
+  return overrides;
 }
 
-// Reads the key contact_held, whose value is true, false, the name of a contact or a list of names.
-void read_contact_held(Section &section, const sim::Model &model, Criterion &criterion) {
-  const toml::node *node = section.find("contact_held");
-  if (node == nullptr) return;
-  criterion.contact_held = node->value_exact<bool>().value_or(true);
-  if (node->is_boolean()) return;
+static std::optional<std::vector<ObjectWrite>> value_of(Section &section, ExperimentNames &names,
+                                                        const KeyFormat &key,
+                                                        std::vector<ObjectWrite> *) {
+  std::vector<ObjectWrite> writes;
+  section.one(key.key, [&](Section &objects) {
+    writes = read_objects(objects, *names.experiment.model, names.experiment.initial);
+  });
+  return writes;
+}
+
+// The value of contact_held is true, false, the name of a contact or a list of names.
+static std::optional<HeldContacts> value_of(Section &section, ExperimentNames &names,
+                                            const KeyFormat &key, HeldContacts *) {
+  const toml::node *node = section.find(key.key);
+  if (node == nullptr) return std::nullopt;
+  if (node->is_boolean()) return node->ref<bool>() ? std::optional(HeldContacts{}) : std::nullopt;
   std::vector<std::string> known;
-  for (const sim::Contact &contact : model.contacts) known.push_back(contact.name);
+  for (const sim::Contact &contact : names.experiment.model->contacts)
+    known.push_back(contact.name);
+  HeldContacts held;
   const auto take = [&](const toml::node &name) {
     const std::string contact = name.value_exact<std::string>().value_or("");
     if (std::find(known.begin(), known.end(), contact) == known.end())
-      section.fail("contact_held", "expected true, false or contacts of the model (" +
-                                       (known.empty() ? "the model has none" : sim::joined(known)) +
-                                       "), got " + sim::kind_of(name) +
-                                       sim::suggestion(contact, known) + "; name a contact");
-    criterion.contacts.push_back(contact);
+      section.fail(key.key, "expected true, false or contacts of the model (" +
+                                (known.empty() ? "the model has none" : sim::joined(known)) +
+                                "), got " + sim::kind_of(name) + sim::suggestion(contact, known) +
+                                "; name a contact");
+    held.names.push_back(contact);
   };
-  if (const toml::array *names = node->as_array(); names != nullptr && !names->empty()) {
-    for (const toml::node &name : *names) take(name);
+  if (const toml::array *list = node->as_array(); list != nullptr && !list->empty()) {
+    for (const toml::node &name : *list) take(name);
   } else {
     take(*node);
   }
+  return held;
 }
 
-// Shortens the default window to the duration of the run. Refuses a given window that is longer.
-void fit_window(const Section &section, Criterion &criterion, double duration_s) {
-  if (!section.has("window_s")) criterion.window_s = std::min(criterion.window_s, duration_s);
-  if (criterion.window_s > duration_s)
-    section.fail("window_s", "expected at most the duration of the run, " +
-                                 sim::number_text(duration_s) + " s, got " +
-                                 sim::number_text(criterion.window_s) + "; shorten the window");
-}
-
-Criterion read_criterion(Section &section, const sim::Model &model, double duration_s) {
-  section.finish();
-  auto criterion = read_rows<Criterion>(section);
-  fit_window(section, criterion, duration_s);
-  read_contact_held(section, model, criterion);
-  if (model.contacts.empty() && (criterion.peak_force_max_N || criterion.peak_force_max_percent ||
-                                 criterion.contact_losses_max))
-    section.fail(criterion.contact_losses_max ? "contact_losses_max"
-                 : criterion.peak_force_max_N ? "peak_force_max_N"
-                                              : "peak_force_max_percent",
-                 "expected a model with a contact, got a model without contact; remove this key");
-  if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.limits_position() && !criterion.limits_force() && !criterion.limits_run())
-    section.fail("contact_held",
-                 "expected at least one limit, got none; add contact_held = true, "
-                 "force_ripple_max_count or position_ripple_max_count");
-  return criterion;
-}
-
-std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model) {
-  section.finish();
-  const toml::node *node = section.find("objects");
-  const toml::array *names = node != nullptr ? node->as_array() : nullptr;
-  if (names == nullptr || names->empty())
-    section.fail("objects", "expected a list of firmware objects, got " +
-                                (node != nullptr ? sim::kind_of(*node) : "nothing") +
-                                "; write [\"statusword\", \"force_demand\"]");
-  const std::vector<std::string> columns = trace_columns(model);
+// Returns the objects whose names are in a list.
+static std::optional<std::vector<std::uint16_t>> value_of(Section &section, ExperimentNames &names,
+                                                          const KeyFormat &key,
+                                                          std::vector<std::uint16_t> *) {
+  const toml::node *node = section.find(key.key);
+  const toml::array *list = node != nullptr ? node->as_array() : nullptr;
+  if (list == nullptr || list->empty())
+    section.fail(key.key, "expected a list of firmware objects, got " +
+                              (node != nullptr ? sim::kind_of(*node) : "nothing") +
+                              "; write [\"statusword\", \"force_demand\"]");
+  const std::vector<std::string> columns = trace_columns(*names.experiment.model);
+  std::vector<std::string> known;
+  for (const axis_object_meta_t &meta : axis_objects_meta)
+    if (std::string_view(meta.kind) != "command") known.emplace_back(meta.name);
   std::vector<std::uint16_t> traced;
-  for (const toml::node &entry : *names) {
+  for (const toml::node &entry : *list) {
     const std::string name = entry.value_exact<std::string>().value_or("");
     const auto object = find_object(name);
-    std::vector<std::string> known;
-    for (const axis_object_meta_t &meta : axis_objects_meta)
-      if (std::string_view(meta.kind) != "command") known.emplace_back(meta.name);
     if (!object || std::find(known.begin(), known.end(), name) == known.end())
-      section.fail("objects", "expected firmware objects with a value, got " + sim::kind_of(entry) +
-                                  sim::suggestion(name, known) + "; `list_objects` lists them");
+      section.fail(key.key, "expected firmware objects with a value, got " + sim::kind_of(entry) +
+                                sim::suggestion(name, known) + "; `list_objects` lists them");
     if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
         std::find(traced.begin(), traced.end(), *object) != traced.end())
-      section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
-                                  ", which is a column of the trace already; remove this name");
+      section.fail(key.key, "expected each column once, got " + sim::in_quotes(name) +
+                                ", which is a column of the trace already; remove this name");
     traced.push_back(*object);
   }
   return traced;
 }
 
-Plot read_plot(Section &section, const sim::Model &model,
-               const std::vector<std::uint16_t> &traced) {
-  section.finish();
-  Plot plot;
-  constexpr double kAlways_s = 1e7;
-  plot.from_s = section.optional_number("from_s");
-  plot.to_s = section.optional_number("to_s");
-  if (plot.from_s.value_or(0.0) >= plot.to_s.value_or(kAlways_s))
-    section.fail("from_s", "expected a time before to_s, got " +
-                               sim::number_text(plot.from_s.value_or(0.0)) +
-                               "; correct from_s or to_s");
-  const toml::node *node = section.find("rows");
-  if (node == nullptr) return plot;
+// Returns the names of the columns in each list of a list.
+static std::optional<std::vector<std::vector<std::string>>> value_of(
+    Section &section, ExperimentNames &names, const KeyFormat &key,
+    std::vector<std::vector<std::string>> *) {
+  const toml::node *node = section.find(key.key);
+  if (node == nullptr) return std::nullopt;
   const auto refuse = [&](const std::string &obtained) {
-    section.fail("rows", "expected a list of lists of columns, got " + obtained +
-                             "; write [[\"encoder\"], [\"adc0\"]]");
+    section.fail(key.key, "expected a list of lists of columns, got " + obtained +
+                              "; write [[\"encoder\"], [\"adc0\"]]");
   };
   const toml::array *rows = node->as_array();
   if (rows == nullptr) refuse(sim::kind_of(*node));
   if (rows->empty()) refuse("an empty list");
-  std::vector<std::string> columns = trace_columns(model);
-  for (const std::uint16_t object : traced) columns.emplace_back(object_meta(object).name);
+  std::vector<std::string> columns = trace_columns(*names.experiment.model);
+  for (const std::uint16_t object : names.experiment.trace.objects)
+    columns.emplace_back(object_meta(object).name);
+  std::vector<std::vector<std::string>> found;
   for (const toml::node &row : *rows) {
     if (!row.is_array() || row.as_array()->empty()) refuse("a row without columns");
-    auto &names = plot.rows.emplace_back();
+    auto &shown = found.emplace_back();
     for (const toml::node &name : *row.as_array()) {
-      names.push_back(name.value_exact<std::string>().value_or(""));
-      if (std::find(columns.begin(), columns.end(), names.back()) == columns.end())
-        section.fail("rows", "expected columns of the trace (" + sim::joined(columns) + "), got " +
-                                 sim::kind_of(name) + sim::suggestion(names.back(), columns) +
-                                 "; name a column");
+      shown.push_back(name.value_exact<std::string>().value_or(""));
+      if (std::find(columns.begin(), columns.end(), shown.back()) == columns.end())
+        section.fail(key.key, "expected columns of the trace (" + sim::joined(columns) + "), got " +
+                                  sim::kind_of(name) + sim::suggestion(shown.back(), columns) +
+                                  "; name a column");
     }
   }
-  return plot;
+  return found;
 }
 
-// Sets `key` of `table` to the value of an override: a number, true, false or a text.
-void put(toml::table &table, std::string_view key, const std::string &text) {
+static std::optional<std::shared_ptr<const toml::table>> value_of(
+    Section &root, ExperimentNames &, const KeyFormat &key, std::shared_ptr<const toml::table> *) {
+  std::shared_ptr<const toml::table> expect;
+  root.one(key.key, [&](Section &section) {
+    expect = std::make_shared<const toml::table>(section.table());
+  });
+  return expect;
+}
+
+void SensorFailure::complete(const Section &section, const ExperimentNames &names) const {
+  if (!names.experiment.model->adc[0])
+    section.fail("force",
+                 "expected a model with ADC 0, got a model without ADC 0; remove this sensor");
+}
+
+void DriveState::complete(const Section &section, const ExperimentNames &names) const {
+  const sim::Model &model = *names.experiment.model;
+  if (!model.drive || !model.drive->enable_ticks)
+    section.fail("failure",
+                 "expected a model whose [drive] has enable_ticks, got a drive that reports "
+                 "nothing; add enable_ticks to the model or remove this failure");
+}
+
+void Action::complete(Section &section, const ExperimentNames &names) {
+  tick = tick_at(section.within("time_s", sim::Dimension::time, 0, names.experiment.duration_s));
+  if (writes.empty() && !impulse && !sensor && !drive)
+    section.fail("time_s",
+                 "expected one of the keys firmware, impulse, sensor and drive too, got none; add "
+                 "a key or remove this [[at]]");
+}
+
+void Criterion::complete(const Section &section, const ExperimentNames &names) {
+  const double duration_s = names.experiment.duration_s;
+  if (!section.has("window_s")) window_s = std::min(window_s, duration_s);
+  if (window_s > duration_s)
+    section.fail("window_s", "expected at most the duration of the run, " +
+                                 sim::number_text(duration_s) + " s, got " +
+                                 sim::number_text(window_s) + "; shorten the window");
+  if (names.experiment.model->contacts.empty() &&
+      (peak_force_max_N || peak_force_max_percent || contact_losses_max))
+    section.fail(contact_losses_max ? "contact_losses_max"
+                 : peak_force_max_N ? "peak_force_max_N"
+                                    : "peak_force_max_percent",
+                 "expected a model with a contact, got a model without contact; remove this key");
+  if (!limits_any())
+    section.fail("contact_held",
+                 "expected at least one limit, got none; add contact_held = true, "
+                 "force_ripple_max_count or position_ripple_max_count");
+}
+
+void Plot::complete(const Section &section, const ExperimentNames &) const {
+  if (from_s.value_or(0.0) >= to_s.value_or(HUGE_VAL))
+    section.fail("from_s", "expected a time before to_s, got " +
+                               sim::number_text(from_s.value_or(0.0)) + "; correct from_s or to_s");
+}
+
+namespace {
+
+// Sets `key` of `table` to the value of an override: a number, true, false or a text. `format`
+// declares the keys of the table.
+void put(toml::table &table, const sim::TableFormat &format, std::string_view key,
+         const std::string &text) {
+  const KeyFormat *declared = format.find(key);
+  const std::string_view form = declared != nullptr ? declared->form : "";
   double number = 0;
   const char *end = text.data() + text.size();
   const auto parsed = std::from_chars(text.data(), end, number);
-  const bool is_text = key == "title" || key == "figure" || key == "shows" || key == "model";
-  if (!is_text && parsed.ec == std::errc() && parsed.ptr == end) {
-    table.insert_or_assign(key, number);
-  } else if (text == "true" || text == "false") {
-    table.insert_or_assign(key, text == "true");
-  } else {
+  const bool is_number = parsed.ec == std::errc() && parsed.ptr == end;
+  if (form == "text" || form == "file name" || !(is_number || text == "true" || text == "false"))
     table.insert_or_assign(key, text);
-  }
+  else if (!is_number)
+    table.insert_or_assign(key, text == "true");
+  else if (form == "integer" && number == std::floor(number) && std::fabs(number) < 1e15)
+    table.insert_or_assign(key, static_cast<std::int64_t>(number));
+  else
+    table.insert_or_assign(key, number);
 }
 
 toml::table &subtable(toml::table &root, std::string_view key) {
@@ -254,11 +263,12 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
     const std::size_t dot = name.find('.');
     const std::string room = dot == std::string::npos ? "" : name.substr(0, dot);
     if (room.empty()) {
-      put(subtable(root, "set"), name, value);
+      put(subtable(root, "set"), kSetFormat, name, value);
     } else if (room == "experiment") {
-      put(root, name.substr(dot + 1), value);
+      put(root, sim::kFormat<Experiment>, name.substr(dot + 1), value);
     } else if (room == "firmware" || room == "verdict") {
-      put(subtable(root, room), name.substr(dot + 1), value);
+      put(subtable(root, room), *sim::kFormat<Experiment>.find(room)->table, name.substr(dot + 1),
+          value);
     } else {
       throw InputError(
           "`overrides`", name,
@@ -268,25 +278,12 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
-// Returns the overrides of the table [set]. Parameters whose names are values in [set] are added to
-// `named`.
-std::vector<sim::Override> read_set(Section &section, std::set<std::string> &named) {
-  std::vector<sim::Override> overrides;
-  for (const auto &[key, entry] : section.table()) {
-    const std::string name(key.str());
-    const toml::node &node = *section.find(name);
-    if (node.is_number()) {
-      overrides.push_back({name, *node.value<double>()});
-    } else if (node.is_string()) {
-      const std::string &text = node.ref<std::string>();
-      overrides.push_back({name, text});
-      if (!sim::is_quantity(text)) named.insert(text);
-    } else {
-      section.fail(name, "expected a number, a quantity or a parameter's name, got " +
-                             sim::kind_of(node) + "; give a number or a string");
-    }
-  }
-  return overrides;
+// Returns true if the value of an override is the name of this parameter.
+bool names_parameter(const std::vector<sim::Override> &set, const std::string &parameter) {
+  return std::any_of(set.begin(), set.end(), [&](const sim::Override &one) {
+    const auto *text = std::get_if<std::string>(&one.value);
+    return text != nullptr && *text == parameter;
+  });
 }
 
 // Returns the value of an object after the initial writes, or nothing without such a write.
@@ -333,10 +330,10 @@ void check_adcs(const Section &root, const Experiment &experiment) {
 }
 
 // Returns the program of the press cycle that the experiment names, or nothing.
-std::shared_ptr<const CycleProgram> program_of(Section &root, const std::filesystem::path &folder,
+std::shared_ptr<const CycleProgram> program_of(const std::filesystem::path &folder,
                                                const Experiment &experiment) {
-  if (!root.has("cycle")) return nullptr;
-  const auto file = (folder / words(root, "cycle")).lexically_normal();
+  if (experiment.cycle_file.empty()) return nullptr;
+  const auto file = (folder / experiment.cycle_file).lexically_normal();
   return std::make_shared<const CycleProgram>(
       read_cycle(file, *experiment.model, experiment.initial));
 }
@@ -384,8 +381,6 @@ struct ExperimentFile::Variant {
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // model parameters whose names are used as values in the table
-                                // [set]
 };
 
 struct ExperimentFile::Contents {
@@ -428,7 +423,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   toml::table table = contents_->table;
   apply_overrides(table, overrides);
   sim::Source source{contents_->name, {}};
-  Section root(source, table, "", kExperimentFormat);
+  Section root(source, table, "", sim::kFormat<Experiment>);
   if (table.contains("body") && !table.contains("model"))
     root.fail(
         "body",
@@ -439,64 +434,39 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   root.finish();
   Experiment experiment;
   experiment.file = contents_->file;
-  experiment.title = words(root, "title");
-  experiment.figure = optional_words(root, "figure");
-  experiment.shows = optional_words(root, "shows");
-  const double duration_s = root.number("duration_s");
-  if (duration_s > kLongestRun_s)  // a longer run would need too much memory for the trace
+  ExperimentNames names(experiment);
+  sim::read_rows(root, names, experiment, Experiment::head());
+  if (experiment.duration_s > kLongestRun_s)  // a longer run would need too much memory for traces
     root.fail("duration_s",
               "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
-                  sim::number_text(duration_s) +
+                  sim::number_text(experiment.duration_s) +
                   "; `axis_node` and `plant_node` run for longer as an endless session");
-  experiment.ticks = tick_at(duration_s);
-  const double seed = root.number("seed");
-  if (seed != std::floor(seed))
-    root.fail("seed", "expected a whole number, got " + sim::number_text(seed) + "; round it");
-  experiment.seed = static_cast<std::uint64_t>(seed);
+  experiment.ticks = tick_at(experiment.duration_s);
 
-  const std::filesystem::path path =
-      (contents_->file.parent_path() / words(root, "model")).lexically_normal();
+  const std::filesystem::path folder = contents_->file.parent_path();
+  const std::filesystem::path path = (folder / experiment.model_file).lexically_normal();
   std::ostringstream key;
   key << path;
   if (const toml::node *set = table.get("set")) key << '\n' << toml::node_view(*set);
   const std::shared_ptr<Variant> plant = variant(key.str());
   std::call_once(plant->read, [&] {
-    std::vector<sim::Override> set;
-    root.one("set", [&](Section &section) { set = read_set(section, plant->named); });
-    plant->model = std::make_shared<const sim::Model>(sim::load_model(path, set, source.file));
+    plant->model =
+        std::make_shared<const sim::Model>(sim::load_model(path, experiment.set, source.file));
     plant->modes = std::make_shared<sim::ModeCache>(plant->model);
   });
   experiment.model = plant->model;
   experiment.modes = plant->modes;
   // From here on, Parameter::used is true for a parameter whose name is a value in the experiment.
   source.parameters = experiment.model->parameters;
-  for (sim::Parameter &p : source.parameters) p.used = plant->named.contains(p.name);
-  root.one("firmware", [&](Section &section) {
-    experiment.initial = read_objects(section, *experiment.model, {});
-  });
+  for (sim::Parameter &p : source.parameters) p.used = names_parameter(experiment.set, p.name);
+  names.points = experiment.model->point_names();
+  sim::read_rows(root, names, experiment, Experiment::tables());
   expect_no_mode(root, experiment);
-  experiment.cycle = program_of(root, contents_->file.parent_path(), experiment);
+  experiment.cycle = program_of(folder, experiment);
   match_dac(root, experiment);
   check_adcs(root, experiment);
-  root.each("at", [&](Section &section) {
-    experiment.actions.push_back(
-        read_action(section, duration_s, *experiment.model, experiment.initial));
-  });
   std::stable_sort(experiment.actions.begin(), experiment.actions.end(),
                    [](const Action &a, const Action &b) { return a.tick < b.tick; });
-  root.one("verdict", [&](Section &section) {
-    experiment.criterion = read_criterion(section, *experiment.model, duration_s);
-  });
-  root.one("trace",
-           [&](Section &section) { experiment.traced = read_traced(section, *experiment.model); });
-  root.one("plot", [&](Section &section) {
-    experiment.plot = read_plot(section, *experiment.model, experiment.traced);
-  });
-  if (const toml::node *expect = root.find("expect")) {
-    if (!expect->is_table())
-      root.fail("expect", "expected a table, got " + sim::kind_of(*expect) + "; write [expect]");
-    experiment.expect = std::make_shared<const toml::table>(*expect->as_table());
-  }
   for (std::size_t i = 0; i < source.parameters.size(); ++i) {
     const sim::Parameter &p = experiment.model->parameters[i];
     if (p.overridden && !p.used && !source.parameters[i].used) experiment.unused.push_back(p.name);
@@ -513,6 +483,7 @@ std::vector<std::string> trace_columns(const sim::Model &model) {
 
 void make_endless(Experiment &experiment) {
   experiment.ticks = kEndlessTicks;
+  experiment.duration_s = static_cast<double>(kEndlessTicks) / sim::kTickRateHz;
   experiment.criterion.reset();
 }
 

@@ -3,10 +3,10 @@
 // verdict. Experiments are read from TOML files. Every error is an InputError that names the file,
 // the key and the expected value.
 //
-// experiment_format.cpp declares the tables and keys; docs/guide/reference/experiment.md is
-// generated from it. object_values.hpp describes the objects of the firmware. An override is a text
-// such as "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140", at
-// most one for each name, and takes precedence over the file.
+// The rows of the structs declare the keys of the file. docs/guide/reference/experiment.md is
+// generated from these rows. object_values.hpp describes the objects of the firmware. An override
+// is a text such as "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or
+// "m_r=140", at most one for each name, and takes precedence over the file.
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -31,9 +31,25 @@
 
 namespace forceaxis::host {
 
+inline constexpr double kLongestRun_s = 600;
+
+// What the values of an experiment file may name: the points of the model, and all that the file
+// has given before (experiment.cpp).
+struct ExperimentNames;
+
 struct Impulse {
+  static constexpr std::string_view kMeaning = "An impulse on a body.";
   std::string body;
-  double impulse_N_s;
+  double impulse_N_s = 0.0;
+
+  static constexpr auto rows() {
+    using sim::Dimension, sim::Sign, sim::field;
+    using namespace sim::format;
+    return std::tuple{
+        field(&Impulse::body, other("body", "body", "", "A body of the model.")),
+        field(&Impulse::impulse_N_s, needed("N_s", Dimension::impulse, Sign::any,
+                                            "The impulse, positive towards the workpiece."))};
+  }
 };
 
 // The code of ADC 0 that the firmware reads. `live`: the converted signal of the plant, without a
@@ -56,6 +72,7 @@ struct SensorFailure {
                "force in the model (zero). With silent no new code arrives: the last one becomes "
                "older."))};
   }
+  void complete(const sim::Section &section, const ExperimentNames &names) const;
 };
 
 struct DriveState {
@@ -73,15 +90,39 @@ struct DriveState {
             "not arrive any more while it still receives frames (silent). With none it works "
             "again, and is on `enable_ticks` later if it is enabled."))};
   }
+  void complete(const sim::Section &section, const ExperimentNames &names) const;
 };
 
 // The actions in one table [[at]] of an experiment.
 struct Action {
-  std::int64_t tick;  // number of the tick before which the actions are applied
+  static constexpr std::string_view kMeaning =
+      "Actions at one instant. At least one of the tables must be given.";
+  double time_s = 0.0;
+  std::int64_t tick = 0;  // number of the tick before which the actions are applied
+  std::optional<Impulse> impulse;
   std::vector<ObjectWrite> writes;
-  std::vector<Impulse> impulses;
-  std::optional<ForceSensor> force_sensor;
-  std::optional<sim::DriveFailure> drive;
+  std::optional<SensorFailure> sensor;
+  std::optional<DriveState> drive;
+
+  static constexpr auto rows() {
+    using sim::field;
+    using namespace sim::format;
+    return std::tuple{
+        field(&Action::time_s,
+              ranged("time_s", sim::Dimension::time, 0.0, kLongestRun_s, "",
+                     "Time of the action, at most duration_s, rounded up to a tick. The action "
+                     "applies before that tick.")),
+        field(&Action::impulse, table("impulse", sim::kFormat<Impulse>)),
+        field(&Action::writes, table("firmware", kFirmwareAtFormat)),
+        field(&Action::sensor, table("sensor", sim::kFormat<SensorFailure>)),
+        field(&Action::drive, table("drive", sim::kFormat<DriveState>))};
+  }
+  void complete(sim::Section &section, const ExperimentNames &names);
+};
+
+// The contacts that must stay closed, from the key contact_held.
+struct HeldContacts {
+  std::vector<std::string> names;  // empty: every contact of the model
 };
 
 // The limits of the verdict (verdict.hpp). A limit applies to the time window of the verdict, which
@@ -95,11 +136,8 @@ struct Criterion {
   std::optional<double> force_ripple_max_count;
   std::optional<double> position_ripple_max_count;
   std::optional<double> position_error_max_count;
-  // true: contacts must stay closed throughout the window. `contacts` has the names of these
-  // contacts, from contact_held = "tip" or ["tip", "grip"]. With `contact_held = true`, `contacts`
-  // is empty and every contact of the model must stay closed.
-  bool contact_held = false;
-  std::vector<std::string> contacts = {};
+  // Contacts that must stay closed throughout the window.
+  std::optional<HeldContacts> contact_held;
   // Limits for an experiment that controls force. HeldForce explains the quantities. Errors are
   // magnitudes.
   std::optional<double> held_force_error_max_N;
@@ -115,15 +153,17 @@ struct Criterion {
   struct Held {
     using Value = std::variant<bool, std::vector<std::string>>;
     Value operator()(const Criterion &c) const {
-      return c.contacts.empty() ? Value(c.contact_held) : Value(c.contacts);
+      if (!c.contact_held || c.contact_held->names.empty()) return c.contact_held.has_value();
+      return c.contact_held->names;
     }
     void set(Criterion &c, const Value &value) const {
-      const auto *names = std::get_if<std::vector<std::string>>(&value);
-      c.contact_held = names != nullptr ? !names->empty() : std::get<bool>(value);
+      if (const auto *names = std::get_if<std::vector<std::string>>(&value))
+        c.contact_held = HeldContacts{*names};
+      else
+        c.contact_held = std::get<bool>(value) ? std::optional(HeldContacts{}) : std::nullopt;
     }
   };
-  // The keys of the table [verdict], except contact_held, whose value may have several types.
-  static constexpr auto rows() {
+  static constexpr auto limits() {
     using sim::field;
     using sim::format::ranged;
     using D = sim::Dimension;
@@ -178,9 +218,18 @@ struct Criterion {
                      "Longest total time of the DAC code at an end of its range, over the complete "
                      "run."))};
   }
+  static constexpr auto rows() {
+    return sim::rows_of(
+        limits(),
+        sim::field(&Criterion::contact_held,
+                   sim::format::other("contact_held", "flag, contact or list of contacts", "false",
+                                      "Contacts that must stay closed; true: every contact of the "
+                                      "model.")));
+  }
+  void complete(const sim::Section &section, const ExperimentNames &names);
   static constexpr auto items() {
     return std::tuple_cat(
-        items_of(rows()),
+        items_of(limits()),
         std::tuple{item("contact_held", Held{},
                         "True if all contacts must remain closed, or a list of contacts that must "
                         "remain closed")});
@@ -191,18 +240,71 @@ struct Criterion {
            settle_max_s || peak_force_max_percent;
   }
   bool limits_position() const { return position_ripple_max_count || position_error_max_count; }
+  bool limits_any() const {
+    return contact_held || force_ripple_max_count || limits_position() || limits_force() ||
+           limits_run();
+  }
   bool limits_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
+inline constexpr sim::TableFormat kVerdictFormat{
+    "Limits for the verdict of the run; at least one must be given. `stable`: no limit "
+    "is missed. `unstable`: a fault is latched, a ripple is above its limit and does not "
+    "decay (it has more than 60 % of its value in the second half of the window), or "
+    "contact is lost in the window. `not_met`: another limit is missed, or the contact "
+    "is made after the start of the window. `never_in_contact`: the limits need a "
+    "contact, and it was never made. With any limits, a run is not stable if the DAC "
+    "code, or the measured force that a limit uses, is at an end of its range in the "
+    "window; if the force set-point is outside the measuring range; or if force is "
+    "controlled and contact is lost in the window. Without this table the run has no "
+    "verdict.",
+    sim::kKeysOf<Criterion>};
+
 // The columns and the time range of the plot of a run.
 struct Plot {
-  // Names of the columns of the trace in each diagram; empty for the default diagrams.
-  std::vector<std::vector<std::string>> rows;
+  static constexpr const char *kName = "PlotTable";
+  static constexpr const char *kMeaning = "Content of the figure of a run.";
+  // Names of the columns of the trace in each diagram.
+  std::vector<std::vector<std::string>> diagrams = {{"encoder"}, {"adc0"}, {"dac"}};
   std::optional<double> from_s;
-  std::optional<double> to_s;  // end of the plotted time in s, > from_s; empty: end of the run
+  std::optional<double> to_s;
+
+  static constexpr auto rows() {
+    using sim::field;
+    using namespace sim::format;
+    using D = sim::Dimension;
+    return std::tuple{
+        field(&Plot::diagrams,
+              other("rows", "list of lists of columns", "encoder, adc0 and dac",
+                    "Columns of the trace. One diagram shows the columns of one row.")),
+        field(&Plot::from_s,
+              ranged("from_s", D::time, 0.0, 1e6, "the start", "Start of the time axis.")),
+        field(&Plot::to_s, ranged("to_s", D::time, 0.0, 1e6, "the end",
+                                  "End of the time axis, later than from_s."))};
+  }
+  static constexpr auto items() { return items_of(rows()); }
+  void complete(const sim::Section &section, const ExperimentNames &names) const;
+};
+
+// Objects (AXIS_OBJ_) whose values become columns of the trace.
+struct Trace {
+  static constexpr std::string_view kMeaning =
+      "Further columns of the trace. They exist only if firmware and plant run in one process.";
+  std::vector<std::uint16_t> objects;
+
+  static constexpr auto rows() {
+    return std::tuple{sim::field(
+        &Trace::objects,
+        sim::format::other("objects", "list of objects", "",
+                           "Objects of the firmware whose values after each tick become columns "
+                           "of the trace."))};
+  }
 };
 
 struct Experiment {
+  static constexpr std::string_view kMeaning =
+      "An experiment: a plant, values for objects of the firmware, timed actions, and expected "
+      "results.";
   std::filesystem::path file;
   // SHA-256 over the experiment file, its model files and the overrides. Empty in an experiment
   // from with().
@@ -210,10 +312,14 @@ struct Experiment {
   std::string title;
   std::string figure;
   std::string shows;
+  std::string model_file;  // as in the file: relative to the folder of the experiment
+  std::string cycle_file;  // as in the file; empty if the experiment has no program
+  std::vector<sim::Override> set;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;  // cache of the matrices of modes, which all plants of the
                                           // model share
-  std::uint64_t seed = 0;
+  int seed = 0;
+  double duration_s = 0.0;
   // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
@@ -223,12 +329,48 @@ struct Experiment {
   std::shared_ptr<const CycleProgram> cycle;
   std::optional<Criterion> criterion;
   Plot plot;
-  // Objects (AXIS_OBJ_) in the table [trace] of the file.
-  std::vector<std::uint16_t> traced;
+  Trace trace;
   // Table [expect] of the file, or nullptr if the file has no such table.
   std::shared_ptr<const toml::table> expect;
   // Names of the parameters in the table [set] that neither the model nor the experiment uses.
   std::vector<std::string> unused;
+
+  // The keys whose values do not depend on the model.
+  static constexpr auto head() {
+    using sim::Sign, sim::field;
+    using namespace sim::format;
+    using E = Experiment;
+    return std::tuple{
+        field(&E::title, other("title", "text", "", "Title of the experiment.")),
+        field(&E::figure, other("figure", "text", "empty",
+                                "Number of the figure of the thesis that the experiment repeats.")),
+        field(&E::shows, other("shows", "text", "empty", "What the experiment demonstrates.")),
+        field(&E::model_file,
+              other("model", "file name", "", "File of the model, relative to this file.")),
+        field(&E::duration_s, needed("duration_s", sim::Dimension::time, Sign::positive,
+                                     "Duration, at most 600 s, rounded up to a tick of 1/1500 s.")),
+        field(&E::seed,
+              integer("seed", 0, 0x7FFFFFFF, 0.0, "Seed of the measurement noise of the model.")),
+        field(&E::cycle_file,
+              other("cycle", "file name", "none",
+                    "File of the program that the mode of operation `cycle` runs, relative to "
+                    "this file.")),
+        field(&E::set, table("set", kSetFormat))};
+  }
+  // The tables whose values may name parameters or signals of the model. A table may also name what
+  // a table before it defines.
+  static constexpr auto tables() {
+    using sim::field, sim::kFormat;
+    using namespace sim::format;
+    using E = Experiment;
+    return std::tuple{field(&E::initial, table("firmware", kFirmwareFormat)),
+                      field(&E::actions, table("at", kFormat<Action>, true)),
+                      field(&E::criterion, table("verdict", kVerdictFormat)),
+                      field(&E::trace, table("trace", kFormat<Trace>)),
+                      field(&E::plot, table("plot", kFormat<Plot>)),
+                      field(&E::expect, table("expect", kExpectFormat))};
+  }
+  static constexpr auto rows() { return sim::rows_of(head(), tables()); }
 };
 
 // An experiment file that is read once for many variants. The models and modes of the last

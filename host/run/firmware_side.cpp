@@ -28,7 +28,7 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
   signals_ = &axis_->axis.signals;
   // Some traced values of the drive exist only while the drive function runs. This write of an
   // unchanged value starts the drive function and does not change the outputs.
-  if (!experiment.traced.empty())
+  if (!experiment.trace.objects.empty())
     fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                     read(AXIS_OBJ_VELOCITY_THRESHOLD));
   if (experiment.cycle) {

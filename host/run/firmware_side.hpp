@@ -65,7 +65,7 @@ class FirmwareSide {
 
   // Appends the raw values of the experiment's traced objects to `objects`.
   void trace(std::vector<std::int32_t> &objects) const {
-    for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
+    for (const std::uint16_t object : experiment_->trace.objects) objects.push_back(read(object));
   }
 
   // Discards all messages that the firmware has queued for its buses.

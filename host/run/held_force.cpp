@@ -123,7 +123,7 @@ std::optional<ForceTask> force_task(const Experiment &experiment) {
     const bool excites =
         std::any_of(action.writes.begin(), action.writes.end(),
                     [](const ObjectWrite &w) { return w.object == AXIS_OBJ_EXCITATION_RUN; });
-    if (excites || !action.impulses.empty()) task.from_tick = std::max(task.from_tick, action.tick);
+    if (excites || action.impulse) task.from_tick = std::max(task.from_tick, action.tick);
   }
   return task;
 }

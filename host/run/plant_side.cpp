@@ -34,7 +34,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
       options_(options),
       plant_(experiment.modes, {.audit = options.audit,
                                 .listed_events = options.trace ? kListedEvents : 0,
-                                .seed = experiment.seed}),
+                                .seed = static_cast<std::uint64_t>(experiment.seed)}),
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()) {
   expect_evaluable(experiment);
@@ -54,7 +54,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
   dac_top_ = 2047 * steps_per_code;
   dac_bottom_ = -2048 * steps_per_code;
   const Criterion criterion = experiment.criterion.value_or(Criterion{});
-  const std::vector<std::string> &held = criterion.contacts;
+  const std::vector<std::string> held = criterion.contact_held.value_or(HeldContacts{}).names;
   for (const sim::Contact &contact : experiment.model->contacts) {
     const auto place = static_cast<std::size_t>(
         std::find(names.begin(), names.end(), contact.name + ".force") - names.begin());
@@ -122,9 +122,10 @@ std::int64_t PlantSide::contact_losses() const {
 
 void PlantSide::act_due() {
   for (; due(); ++action_) {
-    for (const Impulse &j : action_->impulses) plant_.apply_impulse(j.body, j.impulse_N_s);
-    force_sensor_ = action_->force_sensor.value_or(force_sensor_);
-    if (action_->drive) plant_.fail_drive(*action_->drive);
+    if (const auto &impulse = action_->impulse)
+      plant_.apply_impulse(impulse->body, impulse->impulse_N_s);
+    if (action_->sensor) force_sensor_ = action_->sensor->force;
+    if (action_->drive) plant_.fail_drive(action_->drive->failure);
   }
 }
 

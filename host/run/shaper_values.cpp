@@ -27,7 +27,6 @@ std::optional<std::uint16_t> shaper_of_key(std::string_view key) {
 }
 
 std::vector<ObjectWrite> read_shaper(sim::Section &section, std::uint16_t first) {
-  section.finish();
   sim::Names names;
   const auto given = sim::read_table<Shaper>(section, names);
   const int last = given.kind == ShaperKind::zv ? 1 : 2;

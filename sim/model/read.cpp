@@ -99,9 +99,15 @@ std::optional<Ends> value_of(Section &section, Names &names, const KeyFormat &, 
 std::optional<std::string> value_of(Section &section, Names &names, const KeyFormat &key,
                                     std::string *) {
   if (key.form == "signal") return read_signal(section, names);
+  if (key.form == "body") {
+    const int body = section.point(key.key, names.points, false, std::nullopt);
+    return names.points[static_cast<std::size_t>(body)];
+  }
   if (key.form != "identifier") {
-    if (key.required()) return section.text(key.key, kTextText);
-    return section.optional_text(key.key, kTextText);
+    if (!key.required() && !section.has(key.key)) return std::nullopt;
+    std::string text = section.text(key.key, kTextText);
+    if (text.empty()) section.fail(key.key, "expected a text, got an empty text; write a text");
+    return text;
   }
   std::string name = section.name();
   if (!key.unique.empty()) names.claim(section, "name", name, key.unique);

@@ -4,6 +4,10 @@
 // A key that the file omits leaves its member as it is, or sets the default of its declaration.
 // Every value is checked by its declaration: its kind, its unit, its sign or range, and the other
 // key that it needs. Rules between keys are in complete() of the struct.
+//
+// `names` is a Names, or a struct that is derived from Names and also has what the values of one
+// kind of file need. For a member of another type than those below, the file's reader declares a
+// value_of() of this type beside the derived struct.
 #include <cstddef>
 #include <optional>
 #include <set>
@@ -57,20 +61,20 @@ void expect_beside(Section &section, std::string_view key, std::string_view besi
 /// the keys describe.
 void one_of(Section &section, const char *one, const char *other, const std::string &what);
 
-template <class T>
-T read_table(Section &section, Names &names);
+template <class T, class Context>
+T read_table(Section &section, Context &names, bool is_whole = true);
 
-template <class... Types>
-void read_type(Section &section, Names &names, const KeyFormat &key,
+template <class Context, class... Types>
+void read_type(Section &section, Context &names, const KeyFormat &key,
                std::variant<Types...> &member) {
   const std::size_t type = section.choice(key.key, key.advice);
   section.add(*Alternatives<std::variant<Types...>>::formats[type]);
   std::size_t index = 0;
-  ((index++ == type ? void(member = read_table<Types>(section, names)) : void()), ...);
+  ((index++ == type ? void(member = read_table<Types>(section, names, false)) : void()), ...);
 }
 
-template <class T, class Row>
-void read_row(Section &section, Names &names, const Row &row, T &target) {
+template <class T, class Context, class Row>
+void read_row(Section &section, Context &names, const Row &row, T &target) {
   using Member = std::remove_reference_t<decltype(row.member(target))>;
   using Value = typename Unwrapped<Member>::Type;
   if constexpr (requires { std::variant_size<Value>::value; }) {
@@ -85,6 +89,9 @@ void read_row(Section &section, Names &names, const Row &row, T &target) {
     section.each(row.key.key, [&](Section &inner) {
       row.member(target).push_back(read_table<typename Value::value_type>(inner, names));
     });
+  } else if constexpr (requires { Value::rows(); }) {
+    section.one(row.key.key,
+                [&](Section &inner) { row.member(target) = read_table<Value>(inner, names); });
   } else {
     if (!row.key.beside.empty()) expect_beside(section, row.key.key, row.key.beside);
     if (auto value = value_of(section, names, row.key, static_cast<Value *>(nullptr)))
@@ -92,11 +99,21 @@ void read_row(Section &section, Names &names, const Row &row, T &target) {
   }
 }
 
-/// Returns the struct that a table describes. Throws InputError.
-template <class T>
-T read_table(Section &section, Names &names) {
+/// Sets the members of a struct that these rows of the struct declare, in the order of the rows.
+/// Throws InputError.
+template <class T, class Context, class Rows>
+void read_rows(Section &section, Context &names, T &target, const Rows &rows) {
+  std::apply([&](const auto &...row) { (read_row(section, names, row, target), ...); }, rows);
+}
+
+/// Returns the struct that a table describes. If the table has no other keys than those of the
+/// struct (`is_whole`), a key that is not declared is refused before the rules between keys are
+/// checked. Throws InputError.
+template <class T, class Context>
+T read_table(Section &section, Context &names, bool is_whole) {
   T target;
-  std::apply([&](const auto &...row) { (read_row(section, names, row, target), ...); }, T::rows());
+  read_rows(section, names, target, T::rows());
+  if (is_whole) section.finish();
   if constexpr (requires { target.complete(section, names); }) target.complete(section, names);
   return target;
 }

@@ -396,7 +396,7 @@ int Section::point(std::string_view key, const std::vector<std::string> &points,
   const int index = find_point(points, wanted);
   if (index == kGround)
     fail(key, "expected " + expected + ", got " + in_quotes(wanted) + suggestion(wanted, names) +
-                  "; name a body of this file");
+                  "; give one of these names");
   return index;
 }
 
@@ -421,7 +421,7 @@ Ends Section::between(const std::vector<std::string> &points) {
     found[i] = wanted == "ground" ? kGround : find_point(points, wanted);
     if (found[i] == kGround && wanted != "ground")
       fail(entry, "expected one of " + joined(names) + ", got " + in_quotes(wanted) +
-                      suggestion(wanted, names) + "; name a body of this file");
+                      suggestion(wanted, names) + "; give one of these names");
   }
   if (found[0] == found[1])
     fail("between", "expected " + expected + ", got the same name twice; connect two bodies");

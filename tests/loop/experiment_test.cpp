@@ -87,17 +87,17 @@ TEST_F(Files, AGoodOneIsReadInRawUnitsWithTheModeLast) {
   ASSERT_EQ(e.actions.size(), 1U);
   EXPECT_EQ(e.actions[0].tick, 750);
   EXPECT_EQ(e.actions[0].writes[0].raw, 2560);
-  EXPECT_EQ(e.actions[0].impulses[0].body, "workpiece");
+  EXPECT_EQ(e.actions[0].impulse->body, "workpiece");
 }
 
 TEST_F(Files, ContactsThatMustHoldAreNamed) {
   const Experiment all = load_experiment(write(kGood));
-  EXPECT_TRUE(all.criterion->contact_held);
-  EXPECT_TRUE(all.criterion->contacts.empty());
+  ASSERT_TRUE(all.criterion->contact_held);
+  EXPECT_TRUE(all.criterion->contact_held->names.empty());
   for (const char *const one : {"contact_held = \"sensor\"", "contact_held = [\"sensor\"]"}) {
     const Experiment e = load_experiment(write(with("contact_held = true", one)));
-    EXPECT_TRUE(e.criterion->contact_held);
-    EXPECT_EQ(e.criterion->contacts, std::vector<std::string>{"sensor"});
+    ASSERT_TRUE(e.criterion->contact_held);
+    EXPECT_EQ(e.criterion->contact_held->names, std::vector<std::string>{"sensor"});
   }
 }
 
@@ -274,11 +274,11 @@ TEST_F(Files, QuantitiesStandForTimesAndImpulses) {
       write(text + "[plot]\nrows = [[\"adc0\", \"sensor.force\"]]\nto_s = \"300 ms\"\n"));
   EXPECT_EQ(e.ticks, 2250);
   EXPECT_EQ(e.actions[0].tick, 3);
-  EXPECT_EQ(e.actions[0].impulses[0].impulse_N_s, 8.3);
+  EXPECT_EQ(e.actions[0].impulse->impulse_N_s, 8.3);
   EXPECT_EQ(e.criterion->window_s, 0.05);
   EXPECT_EQ(*e.plot.to_s, 0.3);
   EXPECT_FALSE(e.plot.from_s.has_value());
-  EXPECT_EQ(e.plot.rows, (std::vector<std::vector<std::string>>{{"adc0", "sensor.force"}}));
+  EXPECT_EQ(e.plot.diagrams, (std::vector<std::vector<std::string>>{{"adc0", "sensor.force"}}));
   EXPECT_EQ(parameter(e, "b_w"), 400.0);
 }
 
@@ -456,7 +456,7 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
   EXPECT_EQ(
       message(with("title", "figur = \"1\"\ntitel")),
       "figur: expected one of the keys title, figure, shows, model, duration_s, seed, cycle, set, "
-      "firmware, at, verdict, plot, trace, expect, got \"figur\", \"titel\"; did you mean figure, "
+      "firmware, at, verdict, trace, plot, expect, got \"figur\", \"titel\"; did you mean figure, "
       "title?; remove or rename these keys");
   std::string modes;
   for (int mode = 0; mode < AXIS_MODE_COUNT; ++mode)
@@ -466,7 +466,7 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
                 ", got \"forse\"; did you mean force?; choose one of these texts");
   EXPECT_EQ(message(with("\"workpiece\"", "\"workpeice\"")),
             "at[0].impulse.body: expected one of robot, tip, workpiece, got \"workpeice\"; did you "
-            "mean workpiece?; name a body of the model");
+            "mean workpiece?; give one of these names");
   const std::string set = message(with("b_w = 363.0", "b_v = 1\nm_W = 1"));
   EXPECT_EQ(set.rfind("set.b_v: expected one of the parameters ", 0), 0U) << set;
   EXPECT_NE(set.find(", got \"b_v\", \"m_W\"; did you mean "), std::string::npos) << set;
@@ -510,6 +510,36 @@ TEST_F(Files, APlotIsCheckedBeforeTheRun) {
   EXPECT_EQ(column.rfind("plot.rows: expected columns of the trace (tick, time_s, encoder, ", 0),
             0U);
   EXPECT_NE(column.find("), got \"adc2\"; did you mean adc0?; name a column"), std::string::npos);
+}
+
+// The value of an override gets the type that the format declares for its key.
+TEST_F(Files, AnOverrideOfATextIsATextAlsoIfItLooksLikeANumber) {
+  const std::vector<std::string> overrides{"experiment.title=2", "experiment.shows=true"};
+  const Experiment e = load_experiment(write(kGood), overrides);
+  EXPECT_EQ(e.title, "2");
+  EXPECT_EQ(e.shows, "true");
+  const std::string cycle = message(kGood, {"experiment.cycle=7"});
+  EXPECT_NE(cycle.find("expected a readable file"), std::string::npos) << cycle;
+  const std::vector<std::string> seed{"experiment.seed=3.0"};
+  EXPECT_EQ(load_experiment(write(kGood), seed).seed, 3);
+  EXPECT_EQ(message(kGood, {"experiment.seed=1.5"}),
+            "seed: expected an integer 0..2147483647, got 1.5; give an integer");
+}
+
+TEST_F(Files, ATextMustNotBeEmpty) {
+  EXPECT_EQ(message(with("title = \"t\"", "title = \"\"")),
+            "title: expected a text, got an empty text; write a text");
+  EXPECT_EQ(message(with("title = \"t\"", "title = \"t\"\ncycle = \"\"")),
+            "cycle: expected a text, got an empty text; write a text");
+}
+
+// A misspelled key is named, and not the rule between keys that fails without it.
+TEST_F(Files, AnUnknownKeyIsNamedBeforeAMissingOne) {
+  const std::string verdict = message(with("contact_held = true\n", "force_ripple_max_cout = 3\n"));
+  EXPECT_EQ(verdict.rfind("verdict.force_ripple_max_cout: ", 0), 0U) << verdict;
+  const std::string at =
+      message(with("firmware = { force_setpoint = 10.0 }\nimpulse = {", "impulze = {"));
+  EXPECT_EQ(at.rfind("at[0].impulze: ", 0), 0U) << at;
 }
 
 // A time that is not a whole number of ticks rounds up; one that is, does not.

@@ -19,7 +19,7 @@ using namespace forceaxis::host;
 
 Criterion held() {
   Criterion c;
-  c.contact_held = true;
+  c.contact_held.emplace();
   c.force_ripple_max_count = 10;
   return c;
 }
@@ -115,7 +115,7 @@ TEST(Verdict, NeverPressedIsNeverInContactWhateverElseIsMissed) {
   Criterion c = held();
   c.held_force_error_max_percent = 2;
   EXPECT_EQ(text(c, m), "never_in_contact contact_held 0>1 held_force_error_max_percent 100>2 %");
-  c.contact_held = false;  // the force is controlled all the same
+  c.contact_held.reset();  // the force is controlled all the same
   EXPECT_EQ(evaluate(c, m, false).verdict, kNeverInContact);
   m.contacts = 0;  // a sensor that is fixed to the workpiece
   EXPECT_EQ(evaluate(c, m, false).verdict, kNotMet);

@@ -161,10 +161,10 @@ TEST(ModelRefuses, UnknownKeysAnywhere) {
                   "expected one of the keys bits, range, offset, noise, got \"bit\"; did you mean "
                   "bits?; remove or rename this key"});
   const std::string structure = "[[structure]]\nname = \"x\"\nports = [\"p\"]\n";
-  expect_refusal(kAxis + structure + "prots = 1\n", {"structure[0].mode",
-                                                     "expected at least one mode, got none; add "
-                                                     "[[structure.mode]]"});
-  expect_refusal(kAxis + structure + "prots = 1\n[[structure.mode]]\nfrequency = 1\nshape = 1\n",
+  expect_refusal(
+      kAxis + structure,
+      {"structure[0].mode", "expected at least one mode, got none; add [[structure.mode]]"});
+  expect_refusal(kAxis + structure + "prots = 1\n",
                  {"structure[0].prots",
                   "expected one of the keys name, ports, mode, got \"prots\"; did you mean ports?; "
                   "remove or rename this key"});
@@ -237,8 +237,8 @@ TEST(ModelRefuses, ValuesOutOfRange) {
 TEST(ModelRefuses, UnknownNames) {
   expect_refusal(with(kAxis, "[\"robot\", \"ground\"]", "[\"robott\", \"ground\"]"),
                  {"spring[0].between[0]",
-                  "expected one of robot, ground, got \"robott\"; did you mean robot?; name a body "
-                  "of this file"});
+                  "expected one of robot, ground, got \"robott\"; did you mean robot?; give one of "
+                  "these names"});
   expect_refusal(with(kAxis, "mass = \"m\"", "mass = \"mass_r\""),
                  {"body[0].mass",
                   "expected a finite number > 0 in kg or a parameter out of k, m, got \"mass_r\"; "
@@ -257,7 +257,7 @@ TEST(ModelRefuses, UnknownNames) {
        "choose a drive type"});
   expect_refusal(
       kAxis + "[encoder]\nbody = \"ground\"\nscale = 1\n",
-      {"encoder.body", "expected one of robot, got \"ground\"; name a body of this file"});
+      {"encoder.body", "expected one of robot, got \"ground\"; give one of these names"});
 }
 
 TEST(ModelRefuses, DuplicatesAndReservedNames) {

@@ -338,7 +338,7 @@ TEST(ElementRefuses, WhatDoesNotFitTogether) {
       {damper + "damping = [1, 2]\nbreaks = [1, 2]\n", "damper[0].breaks"},
       {damper + "damping = [1, 2, 3]\nbreaks = [0, -1]\n", "damper[0].breaks[1]"},
       {damper + "damping = [1, -2]\nbreaks = [1]\n", "damper[0].damping[1]"},
-      {damper + "damping = [1, 2]\nloads = [1]\n", "damper[0].damping"},
+      {damper + "damping = [1, 2]\nloads = [1]\n", "damper[0].loads"},
       // contacts with hysteresis
       {contact + "hysteresis_force = 1\n", "contact[0].hysteresis_force"},
       {contact + "hysteresis_stiffness = 1\n", "contact[0].hysteresis_force"},

@@ -253,8 +253,8 @@ TEST(ModelRefusesAtOnce, EveryNameThatIsWrong) {
             "velocity, got \"pos\", "
             "\"posi\", \"positoin\"; did you mean position?; remove or rename these keys");
   EXPECT_EQ(refusal("mass =", "mas ="),
-            "body[0].mass: expected a finite number > 0 in kg or a parameter, got \"mas\"; did you "
-            "mean mass?; add this key");
+            "body[0].mas: expected one of the keys name, mass, inertia, r_trans, position, "
+            "velocity, got \"mas\"; did you mean mass?; remove or rename this key");
 }
 
 TEST(ModelRefusesAtOnce, EveryParameterThatIsNotUsed) {

@@ -66,14 +66,6 @@ std::optional<py::dict> expect_of(const Experiment &e) {
   return ::to_dict(*e.expect);
 }
 
-py::dict plot_of(const Experiment &e) {
-  py::dict d = table::object(PlotTable{e.plot});
-  for (const char *key : {"rows", "from_s", "to_s"})
-    if (d[key].is_none() || (std::string(key) == "rows" && e.plot.rows.empty()))
-      PyDict_DelItemString(d.ptr(), key);
-  return d;
-}
-
 forceaxis::host::CycleProgram cycle_program(const std::filesystem::path &file,
                                             const std::vector<std::string> &overrides) {
   Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
@@ -309,8 +301,8 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("shows", [](const Result &r) { return r.experiment.shows; })
       .def_property_readonly("model", [](const Result &r) { return r.experiment.model->file; })
       .def_property_readonly(
-          "plot", [](const Result &r) { return plot_of(r.experiment); },
-          "table [plot] of the experiment: the given keys of rows, from_s and to_s")
+          "plot", [](const Result &r) { return table::object(r.experiment.plot); },
+          "table [plot] of the experiment")
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
       .def_property_readonly(
           "missed", [](const Result &r) { return table::object(r.run.missed); },
@@ -413,11 +405,12 @@ PYBIND11_MODULE(_core, m) {
       "Returns (verdict, missed limits) of a finished run by another criterion with the same "
       "window.");
 
-  table::add_results<
-      forceaxis::host::HeldForce, Metrics, Criterion, forceaxis::host::Missed, Energy,
-      forceaxis::host::Refusal, forceaxis::host::CycleFigure, forceaxis::host::CycleResult,
-      forceaxis::host::CycleEnd, forceaxis::host::CyclePhase, forceaxis::host::CycleElement,
-      forceaxis::host::CycleProgram, Converter, PlotTable, Parameter, Inputs, Outcome>();
+  table::add_results<forceaxis::host::HeldForce, Metrics, Criterion, forceaxis::host::Missed,
+                     Energy, forceaxis::host::Refusal, forceaxis::host::CycleFigure,
+                     forceaxis::host::CycleResult, forceaxis::host::CycleEnd,
+                     forceaxis::host::CyclePhase, forceaxis::host::CycleElement,
+                     forceaxis::host::CycleProgram, Converter, forceaxis::host::Plot, Parameter,
+                     Inputs, Outcome>();
   add_laws(m);
   add_linear(m);
   add_bench(m);

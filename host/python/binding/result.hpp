@@ -68,22 +68,6 @@ inline table::Ordered<Converter> converters_of(const forceaxis::sim::Model &mode
   return all;
 }
 
-/// The table [plot] of an experiment.
-struct PlotTable {
-  static constexpr const char *kName = "PlotKeys";
-  static constexpr const char *kMeaning = "The keys that the table [plot] of an experiment has.";
-  static constexpr bool kDict = true, kPartial = true;
-  forceaxis::host::Plot plot;
-  static constexpr auto items() {
-    using forceaxis::host::item;
-    using forceaxis::host::Within;
-    using P = forceaxis::host::Plot;
-    return std::tuple{item("rows", Within{&PlotTable::plot, &P::rows}),
-                      item("from_s", Within{&PlotTable::plot, &P::from_s}),
-                      item("to_s", Within{&PlotTable::plot, &P::to_s})};
-  }
-};
-
 struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
@@ -95,7 +79,7 @@ struct Result {
     pybind11::array_t<T> values(static_cast<pybind11::ssize_t>(rows));
     T *out = values.mutable_data();
     for (std::size_t k = 0; k < rows; ++k) {
-      const std::int32_t bits = run.objects[k * experiment.traced.size() + place];
+      const std::int32_t bits = run.objects[k * experiment.trace.objects.size() + place];
       const std::int64_t raw =
           meta.min < 0 ? std::int64_t{bits} : std::int64_t{static_cast<std::uint32_t>(bits)};
       out[k] = static_cast<T>(static_cast<double>(raw) * meta.scale);
@@ -115,8 +99,8 @@ struct Result {
     d["fault"] = column<std::uint8_t>(run.firmware, [](const auto &r) { return r.fault; });
     d["limit_reason"] =
         column<std::uint8_t>(run.firmware, [](const auto &r) { return r.limit_reason; });
-    for (std::size_t j = 0; !run.objects.empty() && j < experiment.traced.size(); ++j) {
-      const auto &meta = forceaxis::host::object_meta(experiment.traced[j]);
+    for (std::size_t j = 0; !run.objects.empty() && j < experiment.trace.objects.size(); ++j) {
+      const auto &meta = forceaxis::host::object_meta(experiment.trace.objects[j]);
       d[meta.name] = meta.scale == 1.0 ? pybind11::object(object_column<std::int64_t>(j, meta))
                                        : pybind11::object(object_column<double>(j, meta));
     }
@@ -133,7 +117,7 @@ struct Result {
   // Returns the objects in the table [trace] with their units.
   pybind11::dict objects() const {
     pybind11::dict d;
-    for (const std::uint16_t object : experiment.traced) {
+    for (const std::uint16_t object : experiment.trace.objects) {
       const auto &meta = forceaxis::host::object_meta(object);
       d[meta.name] = std::string_view(meta.unit) == "1" ? "" : meta.unit;
     }
@@ -161,8 +145,9 @@ struct Result {
   pybind11::list impulses() const {
     pybind11::list list;
     for (const auto &action : experiment.actions)
-      for (const auto &j : action.impulses)
-        list.append(pybind11::make_tuple(time_of(action.tick), j.body, j.impulse_N_s));
+      if (const auto &impulse = action.impulse)
+        list.append(
+            pybind11::make_tuple(time_of(action.tick), impulse->body, impulse->impulse_N_s));
     return list;
   }
 

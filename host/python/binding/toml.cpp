@@ -13,7 +13,7 @@
 #include "host/python/binding/parts.hpp"
 #include "host/python/binding/table.hpp"
 #include "host/run/cycle_file.hpp"
-#include "host/run/experiment_format.hpp"
+#include "host/run/experiment.hpp"
 #include "host/run/item.hpp"
 #include "sim/model/model_format.hpp"
 #include "sim/model/section.hpp"
@@ -213,7 +213,8 @@ void add_toml(py::module_ &m) {
       [] { return tables_of(forceaxis::sim::kModelFormat, &forceaxis::sim::kParameterFormat); },
       "Returns the declared tables of a model file.");
   m.def(
-      "experiment_format", [] { return tables_of(forceaxis::host::kExperimentFormat); },
+      "experiment_format",
+      [] { return tables_of(forceaxis::sim::kFormat<forceaxis::host::Experiment>); },
       "Returns the declared tables of an experiment file.");
   m.def(
       "cycle_format",

@@ -17,6 +17,7 @@ from forceaxis._results import (
     LinkDetails,
     Metrics,
     MissedLimit,
+    PlotTable,
     Refusal,
     RefusedWrite,
     StatusState,
@@ -50,7 +51,7 @@ class Result:
     figure: str
     shows: str
     model: str
-    plot: PlotKeys
+    plot: PlotTable
     verdict: str
     missed: list[MissedLimit]
     fault: str
@@ -353,13 +354,6 @@ class ConverterTable(TypedDict):
     per_code: float
     zero: int
     bits: int
-
-class PlotKeys(TypedDict, total=False):
-    """The keys that the table [plot] of an experiment has."""
-
-    rows: list[list[str]]
-    from_s: float | None
-    to_s: float | None
 
 class ParameterTable(TypedDict):
     """A parameter of the model."""

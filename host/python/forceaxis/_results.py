@@ -219,6 +219,15 @@ class CycleProgram:
 
 
 @dataclass(frozen=True)
+class PlotTable:
+    """Content of the figure of a run."""
+
+    rows: list[list[str]]  # Columns of the trace. One diagram shows the columns of one row.
+    from_s: float | None  # Start of the time axis.
+    to_s: float | None  # End of the time axis, later than from_s.
+
+
+@dataclass(frozen=True)
 class UnitVariable:
     """A variable of a co-simulation unit."""
 

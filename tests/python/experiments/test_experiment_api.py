@@ -91,7 +91,7 @@ def test_from_memory_is_the_same_run(contact, monkeypatch):
         ("title = ", r"\(in memory\): line 1, column 9: expected valid TOML"),
         (
             {"title": "t"},
-            r"\(in memory\): duration_s: expected a finite number > 0 in s .*, got nothing; add",
+            r"\(in memory\): model: expected a text in quotes, got nothing; add",
         ),
         (
             {"title": {1, 2}},

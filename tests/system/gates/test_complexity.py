@@ -46,7 +46,6 @@ EXCEPTIONS = {
         "verdict: check_contact": 16,
     },
     "a file or text with a refusal for each thing that may be wrong in it": {
-        "experiment: ExperimentFile::with": 15,
         "journal: read_journal": 17,
         "model: read_parameters": 17,
         "node_options: finish_options": 13,

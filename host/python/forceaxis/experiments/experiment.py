@@ -22,7 +22,7 @@ from forceaxis import objects, paths, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as words
-from forceaxis.experiments.inputs import read_inputs
+from forceaxis.experiments.inputs import numeric_keys, read_inputs
 from forceaxis.experiments.run_result import Array, Converter, HeldForce
 from forceaxis.linear.plant_facts import ParameterFacts
 from forceaxis.results import JsonObject
@@ -40,7 +40,6 @@ Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dty
 IN_MEMORY = "(in memory)"
 # {quantity of a Result: column of the trace with the codes of this quantity}
 QUANTITIES = {"position": "encoder", "force": "adc0", "command": "dac"}
-OF_EXPERIMENT = ("duration_s", "seed")
 
 
 class Event(NamedTuple):
@@ -120,12 +119,13 @@ class Experiment:
     def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Returns {full name of a parameter or object: value}. If names are unknown, raises
         InputError with all of them."""
-        known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
+        keys = numeric_keys()["experiment"]
+        known = (*objects.BY_NAME, *self.parameters, *keys)
 
         def fail(name: str, message: str) -> NoReturn:
             raise InputError(f"{self._name}: {name}: {message}")
 
-        toml.expect_keys(values, known, fail, "an object, a parameter, duration_s or seed")
+        toml.expect_keys(values, known, fail, f"an object, a parameter, {' or '.join(keys)}")
         full = {}
         for name, value in values.items():
             if name in objects.BY_NAME and name in self.parameters:
@@ -135,7 +135,7 @@ class Experiment:
                     f'and of a parameter; write run({{"firmware.{name}": ...}}) or '
                     f'run({{"{name}": ...}})',
                 )
-            prefix = "experiment." if name in OF_EXPERIMENT else ""
+            prefix = "experiment." if name in keys else ""
             full[("firmware." if name in objects.BY_NAME else prefix) + name] = value
         return full
 

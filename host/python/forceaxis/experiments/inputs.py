@@ -1,7 +1,8 @@
 """Inputs of an experiment without a run: parameters, firmware objects, tables of the file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -30,6 +31,17 @@ class Inputs:
     # values of the parameters of the model after the overrides
     parameters: dict[str, ParameterFacts]
     unused: list[str]  # names of the parameters that have no effect on the model
+
+
+@cache
+def numeric_keys() -> Mapping[str, Mapping[str, str]]:
+    """Returns {first word of an override: {key with a number: unit}} for the keys of an experiment
+    file, "experiment", and for those of its table [verdict], "verdict"."""
+    tables = {table["path"]: table["keys"] for table in _core.experiment_format()}
+    return {
+        room: {key["key"]: key["unit"] for key in keys if key["form"] in ("number", "integer")}
+        for room, keys in (("experiment", tables[""]), ("verdict", tables["verdict"]))
+    }
 
 
 def read_inputs(

@@ -12,7 +12,7 @@ from typing import NoReturn, TypeAlias
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
-from forceaxis.experiments.inputs import Inputs, read_inputs
+from forceaxis.experiments.inputs import Inputs, numeric_keys, read_inputs
 from forceaxis.linear import posterior
 from forceaxis.words import suggestion
 
@@ -22,22 +22,10 @@ Point: TypeAlias = tuple[float, ...]  # a point of a sweep: one value for each s
 GridValues: TypeAlias = str | Iterable[float]
 
 
-# {table of an experiment: its numeric keys that a sweep can change}
-KEYS = {
-    "experiment": ("duration_s", "seed"),
-    "verdict": (
-        "window_s",
-        "force_ripple_max_count",
-        "position_ripple_max_count",
-        "position_error_max_count",
-    ),
-}
-
-
 def meant(name: str, parameters: Iterable[str] = ()) -> str:
     """Returns the end of a message about an unknown name of an override: "; did you mean NAME?", or
     an empty text. `parameters`: names of the model's parameters."""
-    full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
+    full = {key: f"{room}.{key}" for room, keys in numeric_keys().items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
         return f"; did you mean {full[name]}?"
@@ -212,8 +200,8 @@ def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence
     elif room == "firmware":
         if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
             return f"a firmware object that can be written{meant(name)}; `list_objects` lists them"
-    elif key not in KEYS.get(room, ()):
-        known = [f"{r}.{k}" for r, keys in KEYS.items() for k in keys]
+    elif key not in numeric_keys().get(room, ()):
+        known = [f"{r}.{k}" for r, keys in numeric_keys().items() for k in keys]
         return f"a model parameter, firmware.OBJECT or one of {', '.join(known)}{meant(name)}"
     return ""
 
@@ -224,7 +212,7 @@ def unit_of(name: str, inputs: Inputs) -> str:
     if room == "firmware":
         unit = next(o.unit for o in objects.OBJECTS if o.name == key)
     elif key:
-        unit = {"s": "s", "t": "count"}.get(key[-1], "") if key != "seed" else ""
+        unit = numeric_keys()[room][key]
     else:
         unit = inputs.parameters[name].unit
     return "" if unit == "1" else unit

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis import _core, objects, paths
+from forceaxis._results import PlotTable
 from forceaxis.experiments import link, run_result
 from forceaxis.experiments.run_result import Array, Columns, ReplayedJournal, RunResult
 from forceaxis.experiments.summary import reasons, warnings
@@ -28,7 +29,7 @@ class Run:
     columns: Columns  # {column of the trace: values, one for each tick}
     # (time in s, element, state before, state after) for each change of state
     events: list[tuple[float, str, str, str]]
-    plot: run_result.PlotTable
+    plot: PlotTable
     shows: str  # text in the experiment file that describes the expected behaviour
     # (time of the change in s, force in N) of each force set-point; may be empty
     setpoints: list[tuple[float, float]]
@@ -163,7 +164,7 @@ def finished(
         result=found,
         columns=columns | result.columns(),
         events=result.events,
-        plot=run_result.PlotTable(**result.plot),
+        plot=result.plot,
         shows=result.shows,
         setpoints=result.setpoints,
         impulses=result.impulses,

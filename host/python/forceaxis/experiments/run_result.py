@@ -4,7 +4,7 @@ The types of the compiled module are in _results.py. That file is generated from
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -124,16 +124,6 @@ class ReplayedJournal(JournalFacts):
     """A journal whose run was repeated."""
 
     same: bool  # True if the replay and the recorded run have equal trace hashes
-
-
-@dataclass(frozen=True)
-class PlotTable:
-    """The table [plot] of an experiment."""
-
-    # names of the trace columns in each row of the plot
-    rows: list[list[str]] = field(default_factory=lambda: [["encoder"], ["adc0"], ["dac"]])
-    from_s: float | None = None  # start of the plotted time in s; None: start of the run
-    to_s: float | None = None  # end of the plotted time in s; None: end of the run
 
 
 @dataclass(frozen=True)
