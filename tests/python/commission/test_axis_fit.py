@@ -141,7 +141,8 @@ def test_what_responses_below_a_mode_leave_open_widens_the_set(tmp_path):
 @pytest.mark.parametrize(
     "factors, given, error, name",
     [
-        ({"k_s": 2.5}, (), 0.02, "prior"),
+        ({"k_s": 2.5}, ("k_s={k_s}+-20%",), 0.02, "prior"),
+        ({"k_s": 1.6}, (), 0.02, None),  # far from a value of a data sheet, which is only said
         ({"k_s": 1.2}, (), 0.02, None),
         ({"k_w": 1.5}, ("k_w=400000+-10%",), 0.02, "prior"),
         ({}, (), 1.0, "coherence"),
@@ -152,7 +153,7 @@ def test_what_responses_below_a_mode_leave_open_widens_the_set(tmp_path):
 )
 def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, error, name):
     truth = true_values(model, TRUTH | factors)
-    priors = known.priors(model, OVER, given)
+    priors = known.priors(model, OVER, [text.format(**parameters(model)) for text in given])
     found = joint_fit.joint(model, priors, three(model, truth, error=error), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()

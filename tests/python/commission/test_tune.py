@@ -77,9 +77,9 @@ def plants(tmp_path_factory):
         contact = folder / name / "contact.toml"
         delivered = re.sub('mode = "force"\n|position_gain = .*\n', "", contact.read_text())
         contact.write_text(delivered)
-    # The axis pushed at rest, the workpiece struck every two seconds.
+    # The axis pushed again and again at rest, the workpiece struck every two seconds.
     for name, body, N_s, times in (
-        ("pushed", "axis", 5, [0.2]),
+        ("pushed", "axis", 5, np.arange(0.2, 40, 0.9).round(1).tolist()),
         ("struck", "workpiece", -3, range(20, 90, 2)),
     ):
         shutil.copytree(folder / "true", folder / name)
@@ -816,7 +816,9 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
             "run again"
         ]
         (designed / tune_folder.TUNE.name).write_text(json.dumps(before | {"serial_number": 99}))
-        with pytest.raises(InputError, match="this axis, got results with a different serial_number"):
+        with pytest.raises(
+            InputError, match="this axis, got results with a different serial_number"
+        ):
             tune.Tuning(axis, order(plants), designed)
 
 
@@ -860,7 +862,7 @@ KEYS = {
     "noise_lsb of_loop random_error_median small speed_rms swing",
     "fit": "best chi_square correlation dof friction intervals left_out levels_differ limiting_hz "
     "lines model order over own p_value parameters ratios rejected relied responses set together "
-    "values why",
+    "unexplained values why why_not",
     "design": "adc_bits approach_slowed bank chosen contact_loss cut files friction_N gain_cuts "
     "gain_reductions limited_by model modes objects on_fitted out over p passed_over simulated "
     "structures times_p together worst",
@@ -1090,7 +1092,7 @@ def test_the_search_of_the_amplitude_goes_on_where_the_position_hardly_changes()
 
     bench = SimpleNamespace(
         order=SimpleNamespace(most=8, first=1, averages=8, rubs=False),
-        objects=SimpleNamespace(output_limit=2048), newton=1.0, lines=np.arange(1, 20),
+        objects=SimpleNamespace(codes_most=2048), newton=1.0, lines=np.arange(1, 20),
         say=lambda text: None, _steps=lambda output: (1.0, 1.0),
     )  # fmt: skip
     still = np.zeros(300), 1e-3 * noise[2]

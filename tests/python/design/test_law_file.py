@@ -100,7 +100,10 @@ def test_a_bank_of_a_tuning_is_that_which_the_axis_stores(tmp_path):
         ({"integral_rad_per_s": 1501.0}, "integral_rad_per_s: expected a number from 0 to 1500"),
         ({"velocity_gain": -0.1}, "velocity_gain: expected a number from 0 to 255.996, got -0.1"),
         ({"velocity_gain": 256.0}, "velocity_gain: expected a number from 0 to 255.996"),
-        ({"sections": [[1.0, 0.0, 0.0]]}, "section 1: expected the 5 coefficients b0, b1, b2, a1, a2"),
+        (
+            {"sections": [[1.0, 0.0, 0.0]]},
+            "section 1: expected the 5 coefficients b0, b1, b2, a1, a2",
+        ),
         ({"sections": [[1.0, 0, 0, 0, 0]] * 4}, "expected at most 3 second-order sections, got 4"),
         ({"sections": [[1.0, 0, 0, 0, 0], [16.1, 0, 0, 0, 0]]},
          "section 2: expected a number from -16 to 16, got 16.1"),

@@ -479,9 +479,7 @@ UNSTABLE = {"k_preamp_fdbk": 400.0, "a_preamp_fdbk": 20.0}
 
 
 def test_unstable_plants_are_refused():
-    with pytest.raises(
-        InputError, match=r"an unstable pole at \+60.* 1/s"
-    ):
+    with pytest.raises(InputError, match=r"an unstable pole at \+60.* 1/s"):
         measure.measure("fig3_12", {"set": UNSTABLE})
     with pytest.raises(InputError, match="the excited axis is unstable: ") as error:
         measure.measure("fig3_12", plant_set=UNSTABLE)

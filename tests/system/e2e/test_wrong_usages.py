@@ -196,7 +196,10 @@ WRONG = [
     ("identify decrement x.csv --mass 1 --stiffness 2", "expected either --mass or --stiffness"),
     ("identify split --total-mass 10", "'--stiffness'"),
     ("identify split --total-mass 9 --stiffness 9 --frequency-hz fast", "VALUE+-ERROR"),
-    ("identify tach x.csv --speed nowhere", "column with the name nowhere in the first line, got the columns a, b"),
+    (
+        "identify tach x.csv --speed nowhere",
+        "column with the name nowhere in the first line, got the columns a, b",
+    ),
     ("identify motor x.csv", "'--k-torque'"),
     ("identify fit fig4_19 x.csv --fit m_r", "--output", "does not contain it"),
     ("identify resonances fig4_11 nowhere --rigid robot.acceleration", "nowhere", "expected"),

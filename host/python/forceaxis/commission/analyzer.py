@@ -55,6 +55,8 @@ FORCE_MIN_SHARE = 0.5
 FORCE_MARGIN_SHARE = 0.1
 DAC_BITS = 12  # resolution in bits at which the output has whole DAC codes
 RAMP_S = 0.1  # duration in s of the ramp at the start and at the end of an excitation
+# The distortion of a response by the amplitude falls below this share at half the amplitude.
+DISTORTION_FALL = 0.8
 # longest time in s of a move: MOVE_S, plus MOVE_FACTOR times its distance divided by its speed
 MOVE_S, MOVE_FACTOR = 20.0, 2.0
 # Time in s in which the axis has to be at standstill, and longest time until then.
@@ -236,6 +238,8 @@ class Analyzer:
         # number of force counts per ADC code
         self.count_per_code = 2.0 ** (8 - self.objects.adc_bits)
         self.home = self.objects.position
+        # True if a smaller amplitude does not reduce the distortion of a response
+        self._takes_distortion = False
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)
         sampling = facts.reading.sampling if facts and facts.reading else None
@@ -420,11 +424,21 @@ class Analyzer:
         amplitude of the excitation, the amplitude is searched first."""
         if not level.amplitude:
             level.amplitude = self._search(level, excitation)
+        distorted: list[tuple[int, float]] = []  # amplitude and distortion of each attempt
         for _ in range(self._reductions_max):
             try:
                 r, u, y = np.stack(self._realisations(level, excitation), 1)
                 break
             except Ended as ended:
+                if ended.reason == "distorted":
+                    distorted.append((level.amplitude, level.distorted))
+                if len(distorted) > 1 and distorted[-1][1] > DISTORTION_FALL * distorted[-2][1]:
+                    level.amplitude, self._takes_distortion = distorted[0][0], True
+                    self.say(
+                        "a smaller amplitude does not reduce the distortion, as with dry friction: "
+                        "it counts as noise of the response"
+                    )
+                    continue
                 level.amplitude = self._reduce(level, level.amplitude, ended)
         else:
             ends = ", ".join(f"{abort.why} at {abort.amplitude} codes" for abort in level.aborts)
@@ -493,7 +507,8 @@ class Analyzer:
         )
         # Dry friction distorts more at a smaller amplitude, so the amplitude is not reduced.
         # The variance of the response contains the distortion by dry friction.
-        is_distorted = level.distorted > output.distortion_max and not self.order.rubs
+        takes = self.order.rubs or self._takes_distortion
+        is_distorted = level.distorted > output.distortion_max and not takes
         if is_distorted and level.amplitude > 1:
             raise Ended("distorted")
         for seed in seeds[DISTORTION_RECORDS:]:

@@ -127,6 +127,8 @@ APPROACH_LONGEST_S = 300.0
 BANDWIDTH_FACTOR = 1.7
 # A law that does not bear the error of the model is designed again, so many times at most. The
 # distance of its Ms from 1 becomes smaller by a factor within these bounds.
+# A law whose distance has become smaller than MODEL_ERROR_MS_MIN of the first one is too slow.
+MODEL_ERROR_MS_MIN = 0.25
 MODEL_ERROR_ROUNDS, MODEL_ERROR_STEP_MIN, MODEL_ERROR_STEP_MAX = 7, 0.4, 0.85
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
@@ -430,6 +432,8 @@ def _designed(
             simulate = True
             continue
         ms = 1 + (ms - 1) * max(MODEL_ERROR_STEP_MIN, min(MODEL_ERROR_STEP_MAX, 1 / above))
+        if ms - 1 < MODEL_ERROR_MS_MIN * (order.ms - 1):
+            break
         tuning.say(
             f"with the part that the model lacks, Ms is {max(peaks.values()):.3g}; the law is "
             f"designed again, for Ms {ms:.3g}"

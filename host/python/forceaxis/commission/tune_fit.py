@@ -9,6 +9,7 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.commission import (
+    analyzer,
     friction,
     friction_models,
     joint_fit,
@@ -120,7 +121,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
             done, tuning, more = with_cause
             lacks = "\n\n".join(filter(None, (lacks, more)))
     found, frictions, why_not = done.found, done.frictions, ""
-    if found.rejected in EXPLAINED and _is_linear(tuning, done):
+    if found.rejected in EXPLAINED and _is_linear(tuning, done, measured):
         found, why_not = _with_model_error(tuning, found, tried)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(found, tried))
@@ -339,11 +340,14 @@ def _explained(found: joint_fit.JointFit, tried: list[missing_parts.Tried]) -> t
     return text, cause.toml if cause else ""
 
 
-def _is_linear(tuning: TuningFolder, done: _Attempt) -> bool:
+def _is_linear(tuning: TuningFolder, done: _Attempt, measured: MeasuredResponses) -> bool:
     """Returns True if the responses do not depend on the amplitude. Only then do they show what the
     axis does at every amplitude. Backlash and dry friction do not permit this."""
     smaller = not set(done.names) <= set(_every(tuning))
-    return not (done.frictions or smaller or known.play_counts(tuning.given))
+    distorted = any(
+        (one.distorted or 0.0) > analyzer.FORCE.distortion_max for one in measured.levels.values()
+    )
+    return not (done.frictions or smaller or distorted or known.play_counts(tuning.given))
 
 
 def _with_model_error(
