@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 
+# Waiting threads of OpenBLAS take the other processor from the other worker; set before numpy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import guest
 import pytest
 
