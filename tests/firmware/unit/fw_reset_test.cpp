@@ -132,6 +132,9 @@ class Node {
   std::vector<Frame> sent_;
 };
 
+// Largest number of ticks in which a brake engages.
+const int kBrakeTicks = axis_objects[AXIS_OBJ_BRAKE_ENGAGE_TICKS].max + 1;
+
 // Counters of losses keep their values over a reset.
 bool GoesOn(uint16_t object) { return object == AXIS_OBJ_OVERRUNS || object == AXIS_OBJ_CAN_LOST; }
 
@@ -147,7 +150,8 @@ TEST(FwReset, ANodeThatWasResetIsAsOneThatWasNeverUsed) {
       unused->Idle();
     }
     for (Node *node : {used.get(), unused.get()}) {
-      node->Disable();  // an active axis would be reset a tick later
+      node->Disable();  // an active axis would be reset later, when its brake holds
+      for (int tick = 0; tick < kBrakeTicks; ++tick) node->Idle();
       node->Send(0, {129, kNode});
       for (int tick = 0; tick < 3; ++tick) node->Idle();
     }
