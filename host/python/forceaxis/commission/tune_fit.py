@@ -542,8 +542,18 @@ def _workpiece(
             found[stiffness] = Prior(float(mean), float(weights.sum() ** -0.5), True)
     if mass and shaken and _determine_mass(shaken):
         found[mass] = Prior(shaken.mass, max(SINE_ERROR_MIN, shaken.mass_error), True)
-    # for the range of the mass of a workpiece that did not slide, see _with_tolerances()
+    # for the mass of a workpiece that did not slide, see _with_tolerances()
     elif mass and mass not in given:
+        if not all(one.declared for one in on_table):
+            raise Refusal(
+                "friction", "expected a workpiece that slides on its table, but dry friction of "
+                f"{on_table[0].newton:.3g} N holds the workpiece at all forces within the bounds, "
+                "so that its mass cannot be measured. Add the friction to the model, weigh the "
+                f"workpiece, and give its mass as a prior, {mass}=KG. Without this prior, the law "
+                f"is designed for masses from 1/{UNKNOWN_MASS_FACTOR:g} to "
+                f"{UNKNOWN_MASS_FACTOR:g} times the mass in the model",
+                friction_models.toml_lines(frictions),
+            )  # fmt: skip
         found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD, True)
     return {name: prior for name, prior in found.items() if name not in given}
 
