@@ -50,6 +50,9 @@ FREED_GAIN_MIN = 3.0
 # best evidence.
 BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
 REFINED_MIN, REFINED_SHARE = 4, 0.3
+# Highest frequency of a mode, divided by that of the responses. A body with a higher frequency is
+# rigid in them, so that it shows a wrong mass and no mode.
+MODE_BAND = 1.3
 BED, TOOL = "bed", "tool_head"  # names of the bodies of a frame
 # {name of such a body: what changes in the model beside it}
 PLACES = {
@@ -88,6 +91,8 @@ class Candidate:
     parameters: dict[str, tuple[float, str]] = field(default_factory=dict)
     #: True if a model with `lines` describes it by linear elements, so that a law may rely on it
     linear: bool = True
+    #: False for values with which the responses do not show the candidate
+    is_shown: Callable[[Values], bool] = lambda _: True
 
 
 @dataclass(frozen=True)
@@ -222,8 +227,7 @@ def of(
     """Fits all candidates for the rejection of a fit. Returns them sorted from best to worst.
 
     folder: where models of candidates are written. speeds: rms speed in m/s of the axis in each
-    response, or () if it is not known. held: parameters that the user has measured, which are not
-    wrong.
+    response, or () if it is not known. held: parameters whose values the user gave.
     """
     with tempfile.TemporaryDirectory(dir=folder) as models:
         return _ranked(replace(found.problem), found.at, found.best, Path(models), speeds, held)
@@ -249,7 +253,9 @@ def _ranked(
         else one.tried(before)
         for i, one in enumerate(begun)
     ]
-    return sorted(tried, key=lambda one: -one.gain)
+    shown = [fit.candidate.is_shown(one.values) for fit, one in zip(begun, tried, strict=True)]
+    return sorted((one for one, is_shown in zip(tried, shown, strict=True) if is_shown),
+                  key=lambda one: -one.gain)  # fmt: skip
 
 
 def _cost(problem: Responses, x: Samples) -> float:
@@ -427,7 +433,7 @@ def _numbers(model: _Model, at: Samples, held: Collection[str]) -> list[Candidat
     masses = {body.mass for body in tables.bodies if body is not work}
     found = []
     for name, (value, unit) in model.facts.parameters.items():
-        if value <= 0 or name in held or (name in priors and priors[name].spread > NARROW_SPREAD):
+        if value <= 0 or (name in priors and priors[name].spread > NARROW_SPREAD):
             continue
         if name in of_drive and (name in priors or name in (tables.drive.L, tables.drive.a_act)):
             kind = "drive_numbers"
@@ -438,7 +444,7 @@ def _numbers(model: _Model, at: Samples, held: Collection[str]) -> list[Candidat
         else:
             continue
         if gains.get(name, math.inf) > FREED_GAIN_MIN:
-            found.append(_number(name, value, unit, kind))
+            found.append(_number(name, value, unit, kind, name in held))
     return found
 
 
@@ -454,12 +460,14 @@ def _gains_if_freed(problem: Responses, at: Samples) -> dict[str, float]:
     return dict(zip(problem.names, gains.tolist(), strict=True))
 
 
-def _number(name: str, value: float, unit: str, kind: str) -> Candidate:
+def _number(name: str, value: float, unit: str, kind: str, held: bool) -> Candidate:
     """Returns the candidate that one number of the model is wrong."""
 
     def words(values: Values) -> str:
         change = 100 * (values[name] / value - 1)
-        return f"{name} of {values[name]:.4g} {unit}, {change:+.2g} % from the model"
+        return f"{name} of {values[name]:.4g} {unit}, {change:+.2g} % from the model" + (
+            ", against the value that you gave" if held else ""
+        )
 
     return Candidate(
         kind, {name: Prior(value, FREED_SPREAD)}, words,
@@ -534,8 +542,11 @@ def _frames(model: _Model) -> list[list[Candidate]]:
                 f"damping = {b}"
             )
 
+        def alone_hz(values: Values) -> float:
+            return math.sqrt(values["k_mode"] / values["m_mode"]) / (2 * math.pi)
+
         def words(values: Values) -> str:
-            alone = math.sqrt(values["k_mode"] / values["m_mode"]) / (2 * math.pi)
+            alone = alone_hz(values)
             what = {BED: "of the machine bed", TOOL: "of the tool"}.get(name, f"at {end}")
             return f"a mode {what} near {alone:.3g} Hz"
 
@@ -548,6 +559,7 @@ def _frames(model: _Model) -> list[list[Candidate]]:
             words, elements, elements=elements,
             parameters={"m_mode": (mass, "kg"), "k_mode": (stiffness, "N/m"),
                         "b_mode": (0.0, "N s/m")},
+            is_shown=lambda values: alone_hz(values) < MODE_BAND * hz.max(),
         )  # fmt: skip
 
     starts = np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()

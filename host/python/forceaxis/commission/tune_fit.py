@@ -182,7 +182,7 @@ def _with_cause(
         if rubs:
             return rubs, tuning, ""
     cause = missing_parts.winner(tried)
-    if cause is None:
+    if cause is None or _is_given(tuning, cause):
         return None
     completed, lines = tuning, cause.toml
     if cause.name == "stiffening":
@@ -203,6 +203,11 @@ def _with_cause(
         return None
     tuning.say(f"{missing_parts.text_of(tried)}; the tuning continues with it")
     return again, completed, lines
+
+
+def _is_given(tuning: TuningFolder, cause: missing_parts.Tried) -> bool:
+    """Returns True if a cause is a number whose value the user gave."""
+    return bool(cause.option) and not _given_priors(tuning).isdisjoint(cause.values)
 
 
 def _far_from_model(tuning: TuningFolder, cause: missing_parts.Tried) -> bool:
@@ -357,8 +362,10 @@ def _with_model_error(
     model may lack. Raises Refusal if the fit contradicts a prior that the user gave, or if the
     response near the limiting mode is not known."""
     text, lines = _explained(rejected, tried)
-    if rejected.rejected == "prior" and not rejected.surmised:
-        raise Refusal("prior", text, lines)
+    cause = missing_parts.winner(tried)
+    given = rejected.rejected == "prior" and not rejected.surmised
+    if rejected.rejected and (given or (cause and _is_given(tuning, cause))):
+        raise Refusal(rejected.rejected, text, lines)
     found = joint_fit.with_model_error(rejected, tuning.order.over)
     if found.rejected:
         raise Refusal(found.rejected, found.text, lines)
