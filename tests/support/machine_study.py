@@ -34,6 +34,8 @@ from forceaxis import linear
 from forceaxis._core import InputError, SimulationError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.cli import common
+from forceaxis.cli.tune import tune as tune_command
 from forceaxis.commission import analyzer, tune
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import simulate
@@ -104,6 +106,8 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 OPTIONS = {
     "--travel-mm": ("travel_mm", float),
+    "--squeeze-mm": ("squeeze_mm", float),
+    "--approach": ("approach_mm_per_s", float),
     "--force": ("forces", _numbers),
     "--force-max": ("force_max_N", float),
     "--band": ("band_hz", lambda text: tuple(float(part) for part in text.split(":"))),
@@ -118,7 +122,8 @@ OPTIONS = {
 def option_of(refused: Row) -> dict[str, Any]:
     """The options that a refusal gives with their values, as fields of the order."""
     found = {}
-    for option, value in re.findall(r"(--[a-z-]+)[ =]([-\w.=%+:,]+)", refused["text"]):
+    text = common.options_in(tune_command, refused["text"])
+    for option, value in re.findall(r"(--[a-z-]+)[ =]([-\w.=%+:,]+)", text):
         if option in OPTIONS:
             name, read = OPTIONS[option]
             try:

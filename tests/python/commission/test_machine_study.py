@@ -35,7 +35,7 @@ def test_the_first_named_cause_counts():
 
 
 def test_printed_options_and_lines_are_applied_as_printed(tmp_path):
-    text = "give --travel-mm 3.5, or --prior m_axis=20+-30%; --band LOW:HIGH has no value"
+    text = "give `travel_mm` 3.5, or `priors` m_axis=20+-30%; `band_hz` LOW:HIGH has no value"
     found = machine_study.option_of(refused("travel", text))
     assert found == {"travel_mm": 3.5, "priors": ("m_axis=20+-30%",)}
     model = drawn_axes.written(tmp_path / "press", drawn_axes.PRESS) / "model.toml"

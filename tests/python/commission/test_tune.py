@@ -464,7 +464,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
     if name == "fault":  # of a tool that was killed: another folder cannot put back
         assert "a tool that was killed leaves what it had changed" in refused["text"]
     if name == "prior":  # the option with which the same command goes on
-        value = re.search(r"--prior m_axis=([\d.]+)\+-", refused["text"])
+        value = re.search(r"(?:--prior|`priors`) m_axis=([\d.]+)\+-", refused["text"])
         assert float(value[1]) > 140
     if name in ("fault", "adc", "prior"):
         assert summary["parameters"] is None and not (folder / "fit.json").exists()

@@ -68,7 +68,7 @@ LIMITING_MODE_WIDTH_LOG = 0.15
 LIMITING_MODE_ERROR_MAX = 0.2
 # A damping is determined by the responses if the standard error of its logarithm is smaller.
 DAMPING_UNIT, DAMPING_ERROR_MAX = "N s/m", 0.1
-GIVEN_PERCENT = 10  # accuracy of a number that a text prints for the option `--prior`
+GIVEN_PERCENT = 10  # accuracy of a number that a text prints as a prior
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
@@ -695,7 +695,7 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
         name = problem.names[worst]
         found.rejected, found.surmised = "prior", problem.priors[name].surmised
         value = f"{name}={found.best[name]:.4g}+-{GIVEN_PERCENT}%"
-        found.remedy = f"if this value is right, give --prior {value}"
+        found.remedy = f"if this value is right, give `priors` {value}"
         found.text = (
             f"expected {name} within {PRIOR_DISTANCE_MAX:g} standard deviations of "
             f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}"

@@ -183,27 +183,27 @@ def _measurement(names: set[str]) -> str:
     """Returns a text with the measurement that tells candidates apart. `names`: their names."""
     if names & BY_AMPLITUDE:
         return (
-            "`forceaxis measure --free` with two values of --level tells: friction, play and "
-            "cogging change this response with the amplitude, other causes do not"
+            "a response out of contact, measured with two excitation levels, tells: friction, play "
+            "and cogging change this response with the amplitude, other causes do not"
         )
     if "relaxing" in names:
         return (
-            "`forceaxis axis capture force position` while `forceaxis axis press` holds a force "
-            "tells: a workpiece that relaxes yields further at a constant force"
+            "a recording of force and position while the axis holds a force tells: a workpiece "
+            "that relaxes yields further at a constant force"
         )
     if "stiffening" in names:
         return (
-            "`forceaxis tune` with a third force between the two tells: only a stiffness that "
-            "depends on the force changes with it"
+            "a third of the `forces` between the two tells: only a stiffness that depends on the "
+            "force changes with it"
         )
     if names & {"moving_mass", "drive_numbers", "stiffness"}:
         return (
-            "weigh the moving mass and give it as --prior NAME=KG: then only the other candidates "
+            "weigh the moving mass and give it as `priors` NAME=KG: then only the other candidates "
             "remain"
         )
     return (
-        "`forceaxis measure --free` tells: a mode of the frame shows out of contact too, a lag of "
-        "the force sensor does not"
+        "a response out of contact tells: it shows a mode of the frame too, but no lag of the "
+        "force sensor"
     )
 
 
@@ -471,7 +471,7 @@ def _number(name: str, value: float, unit: str, kind: str, held: bool) -> Candid
 
     return Candidate(
         kind, {name: Prior(value, FREED_SPREAD)}, words,
-        option=lambda values: f"--prior {name}={values[name]:.4g}+-{joint_fit.GIVEN_PERCENT}%",
+        option=lambda values: f"`priors` {name}={values[name]:.4g}+-{joint_fit.GIVEN_PERCENT}%",
     )  # fmt: skip
 
 
@@ -772,8 +772,8 @@ def _cogging(model: _Model) -> list[Candidate]:
             "cogging", priors,
             lambda values: "cogging with a slope of "
             f"{max(values[name] for name in priors):.3g} N/m",
-            lambda _: "# a [[cogging]] with its force and its period; `forceaxis new` writes it "
-            "from cogging_n and magnet_period_mm",
+            lambda _: "# a [[cogging]] with its force and its period, from cogging_n and "
+            "magnet_period_mm of a data sheet",
             elements=elements, parameters={"k_cogging": (least_stiffness, "N/m")},
             own=tuple({"k_cogging": (name, 1.0)} for name in names), linear=False,
         )
