@@ -8,10 +8,12 @@ FORCEAXIS_VERTICAL=50 tries so many of each kind of drive.
 import dataclasses
 import functools
 import itertools
+import json
 import os
 
 import drawn_machines
 import pytest
+import verbs
 from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
@@ -241,3 +243,27 @@ def test_a_vertical_axis_does_what_a_level_one_does_or_is_refused(drawn, kind, n
     session.expect_held(3 * session.counts_per_mm + fall, reach)
     assert session.cycle() == cycle
     session.expect_held(3 * session.counts_per_mm + fall, reach)
+
+
+HEAD = dict(
+    drive="torque", motor="linear", force_constant_n_per_a=22, motor_peak_current_a=6,
+    moving_mass_kg=1.6, guide_damping_n_s_per_m=6, inclination_deg=-90, brake_holding_n=40,
+    current_loop_hz=800, sensor_full_scale_n=150, sensor_stiffness_n_per_m=5e5, sensor_bits=16,
+    sensor_noise_n=0.05, encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4,
+    workpiece_mass_kg=0.2, approach_mm=3,
+)  # fmt: skip
+
+
+@pytest.mark.long
+def test_tune_of_a_vertical_head_succeeds_at_its_first_command(tmp_path):
+    """Its DAC has 12 bits, so that a part of the weight moves it in open loop."""
+    given = {key: str(value) for key, value in HEAD.items()}
+    new.write(tmp_path / "head", *data_sheet.collect(given))
+    done = verbs.forceaxis(
+        "tune", "--model", "head/model.toml", "--on", "sim:head/contact.toml", "--force", "20,50",
+        "--force-max", "90", "--over", "k_w=50%", "--out", "tuned", "--json", cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["refused"] is None
+    assert found["Ms_verified"] == pytest.approx(found["Ms_predicted"], abs=0.15)

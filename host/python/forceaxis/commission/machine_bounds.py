@@ -21,6 +21,9 @@ FREE_TRAVEL_CNT = 400
 GAP_SHARE = 0.4
 # The travel out of contact is this many times the least travel in which a speed can be measured.
 SPEED_TRAVELS = 2.0
+# The output that holds a weight is exact to this many DAC codes. In the time of two periods of the
+# noise in s, for which the excitation out of contact is in open loop, the axis drifts by the rest.
+WEIGHT_ERROR_CODES, OPEN_LOOP_S = 1.0, 2.0
 # Travel in contact divided by the deflection of the model. The workpiece of the machine may be so
 # much softer than in the model, because its stiffness is nearly unknown before the measurement.
 SOFTER_FACTOR = 3.0
@@ -67,11 +70,19 @@ def _contact(model: Path, facts: PlantFacts) -> tuple[float, float]:
 
 def free_counts(model: Path) -> int:
     """Returns the travel out of contact in encoder counts. It follows from the resolution of the
-    encoder, from the speed of the axis at the smallest DAC code, and from the backlash. The travel
-    is at most GAP_SHARE of the distance to the workpiece."""
-    rate = abs(known.code_rate(model)) * friction.SMALLEST_CODE
-    slow = rate * (friction.SETTLED_S + friction.RECORD_MIN_S) / (2 * friction.TRAVEL_SHARE)
+    encoder, from the speed of the axis at the smallest DAC code, from the part of a weight that
+    output_bias does not hold, and from the backlash. The travel is at most GAP_SHARE of the
+    distance to the workpiece."""
+    rate = abs(known.code_rate(model))
+    slow = (
+        rate
+        * friction.SMALLEST_CODE
+        * (friction.SETTLED_S + friction.RECORD_MIN_S)
+        / (2 * friction.TRAVEL_SHARE)
+    )
     travel = max(FREE_TRAVEL_CNT, SPEED_TRAVELS * slow) + known.play_counts(model)
+    if known.weight(model).codes:
+        travel += WEIGHT_ERROR_CODES * rate * OPEN_LOOP_S
     if gap := gap_counts(model):
         travel = min(travel, GAP_SHARE * gap)
     return max(friction.TRAVEL_MIN_CNT, math.ceil(travel))
