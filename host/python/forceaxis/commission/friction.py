@@ -72,8 +72,9 @@ SOFT_RATIO = 1.6
 # Friction is accepted if it reduces the error of the predicted position by this fraction.
 ERROR_REDUCTION_MIN = 0.15
 # A workpiece that relaxes also has different positions at rising and falling force. It is found if
-# the data are exp(RELAXING_EVIDENCE / 2) times as likely as with friction.
-RELAXING_EVIDENCE = 10.0
+# the sum of the squares of the errors is below RELAXING_SHARE of that with friction. The errors of
+# neighbouring samples are alike, so a likelihood of independent ones would find it too often.
+RELAXING_SHARE = 0.2
 CREEP_S = (0.03, 20.0)  # shortest and longest time constant that is tried
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
@@ -568,8 +569,8 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     # Friction is accepted only if the positions at rising and falling force clearly differ.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
-    evidence = len(F) * math.log(max(float(np.sum(error**2)), 1e-12) / max(creep_size, 1e-12))
-    relaxes = rubs and min(at_once, creep) > 0 and evidence > RELAXING_EVIDENCE
+    explained = creep_size < RELAXING_SHARE * float(np.sum(error**2))
+    relaxes = rubs and min(at_once, creep) > 0 and explained
     if relaxes:
         rubs, c_all = False, at_once
     else:
