@@ -394,7 +394,7 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions, lacks: str) -> str:
     (tuning.folder / FITTED_MODEL).write_text(text, encoding="utf-8")
     lines = friction_models.toml_lines(frictions)
     for one in frictions:
-        tuning.say(f"dry friction of {one.newton:.3g} N between {' and '.join(one.between)}")
+        tuning.say(f"dry friction of {plain(one.newton)} N between {' and '.join(one.between)}")
     if lines:
         tuning.say("the model lacks this friction; the tuning continues with it; add to the model:")
         for line in lines.splitlines():
@@ -431,9 +431,9 @@ def _closed(
     if not kept:
         raise Refusal(
             "play", "expected a force at which the backlash of the gear stays closed, but at each "
-            f"given force the excitation together with the dry friction of {newton:.3g} N opens "
+            f"given force the excitation together with the dry friction of {plain(newton)} N opens "
             "the backlash: "
-            f"give a force of {1.5 * (newton or max(tuning.order.forces)):.3g} N or more"
+            f"give a force of {plain(1.5 * (newton or max(tuning.order.forces)))} N or more"
         )  # fmt: skip
     gone = [n for n in names if n not in kept]
     if gone:
@@ -554,9 +554,9 @@ def _workpiece(
         if not all(one.declared for one in on_table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, but dry friction of "
-                f"{on_table[0].newton:.3g} N holds the workpiece at all forces within the bounds, "
-                "so that its mass cannot be measured. Add the friction to the model, weigh the "
-                f"workpiece, and give its mass as a prior, {mass}=KG. Without this prior, the law "
+                f"{plain(on_table[0].newton)} N holds the workpiece at all forces within the "
+                "bounds, so that its mass cannot be measured. Add the friction to the model, weigh "
+                f"the workpiece, and give its mass as a prior, {mass}=KG. Without this prior, the law "
                 f"is designed for masses from 1/{UNKNOWN_MASS_FACTOR:g} to "
                 f"{UNKNOWN_MASS_FACTOR:g} times the mass in the model",
                 friction_models.toml_lines(frictions),
@@ -681,7 +681,7 @@ def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[s
     step."""
     between, frictions = measured.between, fitted.friction if fitted else ()
     lines = [
-        f"the axis was moved slowly between {between.low_N:.3g} and {between.high_N:.3g} N: "
+        f"the axis was moved slowly between {between.low_N:.3g} and {plain(between.high_N)} N: "
         "forces outside this range were not measured"
     ]
     lines += [f"designed for {line}" for line in (fitted.relied if fitted else ())]
@@ -696,10 +696,10 @@ def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[s
             "left out, and the predictions are valid while the backlash stays closed"
         )
     for level in measured.levels.values():
-        text = f"with {level.bias_N:.3g} N: noise of {level.amplitude} codes, "
-        text += f"{level.swing:.3g} N from peak to peak"
+        text = f"with {plain(level.bias_N)} N: noise of {level.amplitude} codes, "
+        text += f"{plain(level.swing)} N from peak to peak"
         if level.small:
-            text += f", and {level.small.amplitude} codes, {level.small.swing:.3g} N"
+            text += f", and {level.small.amplitude} codes, {plain(level.small.swing)} N"
             same = "a different response" if level.differs else "the same response"
             text += "" if frictions else f", {same}"
         lines.append(text)
@@ -707,7 +707,7 @@ def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[s
     if frictions and shaken:
         lines.append(
             f"sines of {min(shaken.hz):.3g} to {max(shaken.hz):.3g} Hz with "
-            f"{min(shaken.newton):.3g} to {max(shaken.newton):.3g} N made the workpiece slide"
+            f"{plain(min(shaken.newton))} to {plain(max(shaken.newton))} N made the workpiece slide"
         )
     if frictions:
         lines.append(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from forceaxis import _core
 from forceaxis.experiments.run_result import Metrics, MissedLimit
+from forceaxis.words import plain
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class ContactCase:
     @property
     def name(self) -> str:
         """Name of the simulated contact, such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
-        text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
+        text = f"contact {plain(self.setpoint_N)} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
         return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
 
 

@@ -113,7 +113,7 @@ def _verified(summary: TuningSummary) -> Rows:
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
     for level in (summary.levels or {}).values():
         Ms, predicted, at = map(_number, (level.Ms, level.Ms_predicted, level.Ms_hz))
-        rows.append([f"{level.bias_N:.3g} N", Ms, plain(2 * level.Ms_error, 2), predicted, at])
+        rows.append([f"{plain(level.bias_N)} N", Ms, plain(2 * level.Ms_error, 2), predicted, at])
     return rows
 
 
