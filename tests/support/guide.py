@@ -12,6 +12,7 @@ what needs `sources` is run, except from a wheel.
 A line `<!-- within: 5 % -->` before a block of text says that a search or a fit found its numbers,
 so that they depend on the processor: they may differ by that, words may not. `<!-- within: 5 % or
 0.1 -->` is for numbers near zero too, which may differ by 0.1.
+The time that a step took, "(8.7 s)" at the end of a line, is not compared; a page may leave it out.
 A line `<!-- session: WHAT -->` at the head of a page says when its commands are run:
   short     by every tools/test
   long      by tools/test --all
@@ -37,6 +38,7 @@ BLOCK = re.compile(
 )
 # A number that stands by itself: the digits of a name or of a hash are part of a word.
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+TOOK = re.compile(r" \(\d+\.\d s\)$")
 TYPED = ("bash", "python")
 
 
@@ -51,8 +53,9 @@ class Block:
 
     def says(self, line, printed):
         """Whether a line of this block is the printed one, its numbers within the stated bounds."""
+        line, printed = (TOOK.sub("", text.rstrip()) for text in (line, printed))
         if not self.relative:
-            return line.rstrip() == printed.rstrip()
+            return line == printed
         if NUMBER.sub("#", line).split() != NUMBER.sub("#", printed).split():
             return False
         shown, found = (

@@ -67,6 +67,13 @@ def test_a_page_that_shows_another_line_fails():
     assert guide.missing(block, "verdict      unstable\n") == "verdict      stable"
 
 
+def test_the_time_of_a_step_is_not_compared_and_all_else_of_its_line_is():
+    block = guide.Block("text", "9/9 store: stored\n", None, None)
+    assert guide.missing(block, "9/9 store: stored (0.1 s)\n") is None
+    assert guide.missing(block, "9/9 store: stored (0.1 N)\n") == "9/9 store: stored"
+    assert guide.missing(block, "9/9 store: (0.1 s) stored\n") == "9/9 store: stored"
+
+
 def test_a_searched_number_may_differ_by_what_its_page_says_and_a_word_may_not(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
