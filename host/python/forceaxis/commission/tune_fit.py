@@ -556,8 +556,8 @@ def _workpiece(
                 "friction", "expected a workpiece that slides on its table, but dry friction of "
                 f"{plain(on_table[0].newton)} N holds the workpiece at all forces within the "
                 "bounds, so that its mass cannot be measured. Add the friction to the model, weigh "
-                f"the workpiece, and give its mass as a prior, {mass}=KG. Without this prior, the law "
-                f"is designed for masses from 1/{UNKNOWN_MASS_FACTOR:g} to "
+                f"the workpiece, and give its mass as a prior, {mass}=KG. Without this prior, the "
+                f"law is designed for masses from 1/{UNKNOWN_MASS_FACTOR:g} to "
                 f"{UNKNOWN_MASS_FACTOR:g} times the mass in the model",
                 friction_models.toml_lines(frictions),
             )  # fmt: skip
