@@ -303,11 +303,11 @@ def sample(plants: PlantSet) -> list[Member]:
     )
 
 
-def _by_loop(plants: PlantSet, spec: LoopSpec | None, analyse: Callable[[Loop], T]) -> Analyse[T]:
-    """Returns a function that analyses each force loop of a set of plants separately."""
+def _by_loop(analyse: Callable[[Member, str], T]) -> Analyse[T]:
+    """Returns a function that analyses each force loop of a set of plants separately, with the
+    function `analyse` of a plant and a delay."""
     return lambda members, timings: [
-        {timing: analyse(plants.loop(member, timing, spec)) for timing in timings}
-        for member in members
+        {timing: analyse(member, timing) for timing in timings} for member in members
     ]
 
 
@@ -337,11 +337,13 @@ class WorstSearch:
         force_gain: float | None = None,
     ) -> None:
         self._plants, self._timings = responses.plants, timings
+        own = spec.bank.force_gain if spec.bank and force_gain is None else force_gain
 
-        def exact(loop: Loop) -> Figures:
-            return figures(loop, gain_at(loop, gain, force_gain))
+        def exact(member: Member, timing: str) -> Figures:
+            loop = responses.loop(member, timing, spec)
+            return figures(loop, gain_at(loop, gain, own))
 
-        self._by_loop = _by_loop(self._plants, spec, exact)
+        self._by_loop = _by_loop(exact)
         loops = PreciseLoops.of(responses, timings, spec, gain, force_gain)
         self._group = _Set(
             self._plants, timings, _fast(loops, self._by_loop) if loops else self._by_loop
@@ -481,12 +483,12 @@ def largest_gain(
     """Returns the largest gain at which all plants of a set are stable. `spec`: the force loop, or
     None for law p."""
 
-    def analyse(loop: Loop) -> tuple[float, Limit]:
-        limit = loop.limit()
+    def analyse(member: Member, timing: str) -> tuple[float, Limit]:
+        limit = plants.loop(member, timing, spec).limit()
         to = limit.stable_to
         return (math.inf if to is None else to), limit
 
-    group = _Set(plants, timings, _by_loop(plants, spec, analyse))
+    group = _Set(plants, timings, _by_loop(analyse))
     group.cover(sample(plants))
     member, timing, (_, limit) = group.worst(lambda result: -result[0])
     return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)

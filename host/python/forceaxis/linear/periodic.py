@@ -17,7 +17,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import optimize
+from scipy import linalg, optimize
 
 from forceaxis import _core
 from forceaxis.linear.boundary import minimal
@@ -39,12 +39,9 @@ GAIN_SPAN = 1e4  # largest gain factor in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
 LOWEST_SHARE = 1e-6  # ratio of the lowest frequency to the highest frequency of a grid
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of the poles of a loop that counts as stable
-# Number of the largest values of |S| on the grid from which its maximum is searched, and number of
-# values that are computed at once.
-PEAKS, SIZES_AT_ONCE = 3, 64
-# A maximum between two points of the grid is searched on ZOOM_POINTS points, ZOOMS times, each time
-# between the neighbours of the largest value.
-ZOOM_POINTS, ZOOMS = 9, 6
+# The maximum of |S| is known to LEVEL_SHARE of its value. Eigenvalues whose real part is below
+# ON_AXIS_SHARE of their magnitude count as frequencies at which |S| equals a level.
+LEVEL_SHARE, ON_AXIS_SHARE, LEVELS_MAX = 1e-8, 1e-3, 30
 PHASES = 3  # number of phases for each order of samples and ticks; see Samples.phases()
 # A lower gain limit at other phases is searched only if it can be lower by more than this ratio.
 # For each order of samples and ticks, the search uses at most PARABOLAS_MAX parabolas.
@@ -223,8 +220,8 @@ class PeriodicLoop(Loop):
         return grid[(grid > 0) & (grid <= top)]
 
     def _lifted(self, hz: ArrayLike) -> Matrix:
-        """Returns the loop gain divided by k at frequencies in Hz. The array has the shape of that
-        of _sensitivities()."""
+        """Returns the loop gain divided by k at frequencies in Hz, in the shape (frequencies,
+        codes, codes)."""
         assert self.dt is not None
         A, B, C, D = (getattr(self._minimal, name).astype(complex) for name in "ABCD")
         z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
@@ -232,63 +229,27 @@ class PeriodicLoop(Loop):
         result: Matrix = C @ states + D
         return result
 
-    def _sensitivities(self, gain: float, hz: ArrayLike) -> Matrix:
-        """Returns the sensitivity function S at frequencies in Hz, in the shape (frequencies,
-        codes, codes). S is computed from the closed loop, because the loop gain of an integrator
-        has no value at frequency 0."""
+    def _sensitivity(self, gain: float) -> "_Sensitivity":
         assert self.dt is not None
-        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
-        direct = np.linalg.inv(np.eye(len(D)) + gain * D)
-        closed = A - gain * B @ direct @ C
-        z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
-        states = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - closed, B @ direct)
-        result: Matrix = direct - gain * direct @ C @ states
-        return result
+        return _Sensitivity(*(getattr(self._minimal, n).astype(float) for n in "ABCD"), gain,
+                            self.dt)  # fmt: skip
 
     def peak(self, gain: float) -> float:
         """Returns Ms, the largest |S|, at a gain k at which the loop is stable."""
-
-        grid = self._grid
-        S = self._sensitivities(gain, grid)
-        # The size of S is at most 1 plus the Frobenius norm of S - 1, which is computed faster.
-        most = 1 + np.linalg.norm(S - np.eye(S.shape[1]), axis=(1, 2))
-        sizes = np.zeros(len(grid))
-        order = np.argsort(-most)
-        for start in range(0, len(order), SIZES_AT_ONCE):
-            at = order[start : start + SIZES_AT_ONCE]
-            if most[at[0]] < np.sort(sizes)[-PEAKS]:
-                break
-            sizes[at] = np.linalg.norm(S[at], 2, axis=(1, 2))
-        best = float(sizes.max())
-        at = np.argsort(sizes)[: -PEAKS - 1 : -1]
-        low, high = grid[np.maximum(at - 1, 0)], grid[np.minimum(at + 1, len(grid) - 1)]
-        for _ in range(ZOOMS):
-            hz = low + (high - low) * np.linspace(0, 1, ZOOM_POINTS)[:, None]
-            S = self._sensitivities(gain, hz.ravel())
-            found = np.linalg.norm(S, 2, axis=(1, 2)).reshape(hz.shape)
-            best = max(best, float(found.max()))
-            peak, column = found.argmax(0), np.arange(hz.shape[1])
-            low = hz[np.maximum(peak - 1, 0), column]
-            high = hz[np.minimum(peak + 1, ZOOM_POINTS - 1), column]
-        return best
+        return self._sensitivity(gain).peak()
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
         """Returns the component of the sensitivity function S at the frequency of the disturbance.
         `hz`: frequencies in Hz up to half the rate of the codes."""
-        at = np.atleast_1d(np.asarray(hz, float))
-        S = self._sensitivities(gain, at)
-        assert self.dt is not None
-        codes = S.shape[1]
-        turned = np.exp(2j * math.pi * at[:, None] * self.dt / codes * np.arange(codes))
-        result: Matrix = np.einsum("fi,fij,fj->f", turned.conj(), S, turned) / codes
-        return result
+        return self._sensitivity(gain).component(hz)
 
     def bandwidth(self, gain: float, level: float) -> float | None:
         """Returns the lowest frequency in Hz at which |S| rises through `level`. Returns None if
         |S| stays below `level`, and 0 if |S| is above it at the lowest frequency of the grid."""
+        component = self._sensitivity(gain).component
 
         def apart(hz: ArrayLike) -> Matrix:
-            return np.abs(self.sensitivity_at(gain, hz)) - level
+            return np.abs(component(hz)) - level
 
         assert self.dt is not None
         top = 0.5 * self.whole.B.shape[1] / self.dt
@@ -302,6 +263,87 @@ class PeriodicLoop(Loop):
             return None
         i = rises[0]
         return float(optimize.brentq(lambda hz: float(apart(hz)[0]), grid[i], grid[i + 1]))
+
+
+class _Sensitivity:
+    """The sensitivity function S of a loop with several codes in a period, at one gain.
+
+    A, B, C, D: the loop gain divided by k. gain: k in V/N. dt: period in s. S is computed from the
+    closed loop, because the loop gain of an integrator has no value at frequency 0. The matrix of
+    the closed loop is triangular (Schur form), so a frequency needs no elimination.
+    """
+
+    def __init__(self, A: Matrix, B: Matrix, C: Matrix, D: Matrix, gain: float, dt: float) -> None:
+        self.dt = dt
+        # S(z) = D + C (z - A)^-1 B with these matrices
+        self.D = np.linalg.inv(np.eye(len(D)) + gain * D)
+        self.A, self.B, self.C = A - gain * B @ self.D @ C, B @ self.D, -gain * self.D @ C
+        self._triangle, basis = linalg.schur(self.A, output="complex")
+        self._enters, self._leaves = basis.conj().T @ self.B, self.C @ basis
+
+    def _states(self, z: Matrix, enters: Matrix) -> Matrix:
+        """Returns (z - A)^-1 B for each z, in the basis of the Schur form. `enters`: B in this
+        basis, in the shape (1 or number of z, states, columns)."""
+        T = self._triangle
+        x = np.zeros((len(z), len(T), enters.shape[2]), complex)
+        for i in range(len(T))[::-1]:
+            known = enters[:, i] + np.einsum("j,fjk->fk", T[i, i + 1 :], x[:, i + 1 :])
+            x[:, i] = known / (z - T[i, i])[:, None]
+        return x
+
+    def at(self, hz: ArrayLike) -> Matrix:
+        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes)."""
+        z = np.exp(2j * math.pi * np.asarray(hz, float) * self.dt)
+        result: Matrix = self.D + self._leaves @ self._states(z, self._enters[None])
+        return result
+
+    def component(self, hz: ArrayLike) -> Matrix:
+        """Returns the component of S at the frequency of the disturbance; see
+        PeriodicLoop.sensitivity_at()."""
+        at, codes = np.atleast_1d(np.asarray(hz, float)), len(self.D)
+        turned = np.exp(2j * math.pi * at[:, None] * self.dt / codes * np.arange(codes))
+        z = np.exp(2j * math.pi * at * self.dt)
+        states = self._states(z, (turned @ self._enters.T)[:, :, None])[:, :, 0]
+        back = turned.conj()
+        result: Matrix = np.sum((back @ self.D) * turned, 1)
+        result = (result + np.sum((back @ self._leaves) * states, 1)) / codes
+        return result
+
+    def peak(self) -> float:
+        """Returns the largest |S| over all frequencies. As in over._Response.peak(), a level is
+        raised until |S| is nowhere above it. The frequencies at which |S| equals the level are
+        eigenvalues of a matrix (Bruinsma and Steinbuch)."""
+        one = np.eye(len(self.A))
+        # w = (z - 1) / (z + 1), see `boundary`
+        inverse = np.linalg.inv(self.A + one)
+        A, B, C = inverse @ (self.A - one), 2 * inverse @ self.B, self.C @ inverse
+        D = self.D - self.C @ inverse @ self.B
+        poles = np.linalg.eigvals(A)
+        best, marks = 0.0, np.concatenate([np.abs(poles.imag), np.abs(poles)])
+        for _ in range(LEVELS_MAX):
+            top = self._largest(marks)
+            if top <= best * (1 + LEVEL_SHARE):
+                return max(top, best)
+            best = top
+            level = best * (1 + LEVEL_SHARE)
+            inner = np.linalg.inv(level**2 * np.eye(len(D)) - D.T @ D)
+            shifted = A + B @ inner @ D.T @ C
+            roots = np.linalg.eigvals(
+                np.block([
+                    [shifted, B @ inner @ B.T],
+                    [-C.T @ C - C.T @ D @ inner @ D.T @ C, -shifted.T],
+                ])
+            )  # fmt: skip
+            marks = np.abs(roots.imag[np.abs(roots.real) <= ON_AXIS_SHARE * np.abs(roots)])
+        return best
+
+    def _largest(self, marks: Matrix) -> float:
+        """Returns the largest |S| at the frequencies `marks` along the stability boundary and
+        between each two of them, both ends of the boundary included."""
+        angles = np.unique(np.concatenate([[0.0], np.arctan(marks), [math.pi / 2]]))
+        angles = np.concatenate([angles, (angles[1:] + angles[:-1]) / 2])
+        S = self.at(angles / (math.pi * self.dt))
+        return float(np.linalg.norm(S, 2, axis=(1, 2)).max())
 
 
 @dataclass

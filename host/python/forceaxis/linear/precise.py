@@ -9,7 +9,7 @@ finds the worst plants of a set with this evaluation, and computes the result fr
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from forceaxis import _core
 from forceaxis.linear.bank import TICK_S, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import find_model
 from forceaxis.linear.working import working
 
@@ -105,6 +106,19 @@ class Responses:
         self.plants, self.timings, self._all = plants, tuple(timings), all_phases
         self._model = _core.ModelFile(find_model(plants.model))
         self._grids: dict[Hashable, _core.LawGrid] = {}
+        self._loops: dict[Hashable, Loop] = {}
+
+    def loop(self, member: Member, timing: str, spec: LoopSpec) -> Loop:
+        """Returns the force loop around one plant with the delay `timing`. Filter banks that differ
+        only in their gain share a loop, so its gain limit is computed only once. A gain that is
+        stored in this loop has no meaning."""
+        if spec.bank is None:
+            return self.plants.loop(member, timing, spec)
+        unit = replace(spec, bank=replace(spec.bank, force_gain=1.0))
+        key = member.key, timing, repr(unit)
+        if key not in self._loops:
+            self._loops[key] = self.plants.loop(member, timing, unit)
+        return self._loops[key]
 
     def of(self, member: Member) -> _core.LawGrid:
         """Returns the frequency responses of one plant. They are empty if the command does not act
