@@ -248,7 +248,7 @@ class Flood {
                              Read(AXIS_OBJ_LIMIT_CYCLE) << 2 | fw_.drive.controlled << 3 |
                              Read(AXIS_OBJ_CALIBRATION_EXPIRED) << 4 | fw_.drive.restricted << 5 |
                              Read(AXIS_OBJ_GAIN_HALVINGS) << 6),
-        static_cast<uint16_t>(switched_off | outputs_.amp_enable),
+        static_cast<uint16_t>(switched_off | (outputs_.amp_enable & outputs_.brake_release)),
         static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) |
                               (fault != AXIS_FAULT_NONE ? fault : fw_.drive.fault) << 16) |
             static_cast<uint32_t>(Read(AXIS_OBJ_ACTIVE_MODE)) << 24);

@@ -62,8 +62,9 @@ NEVER = 1 << 60
 LSS_REQUEST, LSS_ANSWER = 0x7E5, 0x7E4
 KBIT_S = (1000, 800, 500, 250, 125, None, 50, 20, 10)
 
-# Of a tick's record: the amplifier is on; by the options of the axis the loss of its owner switches
-# it off at once, and so does a controlword.
+# Of a tick's record: the amplifier is on and the brake released (while the brake engages, the
+# amplifier may hold the axis); by the options of the axis the loss of its owner switches it off at
+# once, and so does a controlword.
 AMPLIFIER_ON, LOSS_ACTS, WORD_ACTS = 1, 2, 4
 
 ROOM = 16

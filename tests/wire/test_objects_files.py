@@ -20,6 +20,7 @@ import verbs
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "firmware/objects/axis_objects.toml"
 GENERATED = ROOT / "firmware/objects/generated"
+NUMBERS = ROOT / "firmware/objects/numbers.txt"  # names in the order of the numbers
 EDS = GENERATED / "forceaxis.eds"
 BIN = Path(sys.executable).parent
 
@@ -38,8 +39,10 @@ CONTENT = tomllib.loads(TABLE.read_text())
 
 
 def elements():
-    """(name, entry, element, index, sub-index) of every object, by the comment in the table."""
-    for o in CONTENT["object"]:
+    """(name, entry, element, index, sub-index) of every object in the order of the numbers, by the
+    comment in the table."""
+    order = {name: n for n, name in enumerate(NUMBERS.read_text().split())}
+    for o in sorted(CONTENT["object"], key=lambda o: order[o["name"]]):
         count = o.get("count", 1)
         for i in range(count):
             index, sub = o["index"], o.get("sub", 0)

@@ -117,11 +117,12 @@ def expect_the_part_of_the_run_in_process(path, overrides, chip_link=CHIP):
 )
 def test_a_part_is_pressed_and_evaluated_as_in_process(name, overrides, emulated):
     """Trace, verdict and values are the same, and each tick has the same state of the cycle. The
-    main loop of the chip has completed each tick before the next one began, but for a few in which
-    much happens: a tick of the emulator has 5,208 instructions, that of the chip 112,000 cycles."""
+    main loop of the chip has completed each tick before the next one began, but for one in fifty in
+    which much happens: a tick of the emulator has 5,208 instructions, that of the chip 112,000
+    cycles."""
     link_to_it = link_to(emulated)
     report = expect_the_part_of_the_run_in_process(file_of(name), overrides, link_to_it)
-    assert report.late_ticks <= 5
+    assert report.late_ticks <= report.ticks / 50
 
 
 PROGRAM = SIM / "cycles/press_fit.toml"

@@ -610,7 +610,9 @@ def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
         held["values"]["rated_force"] += 1
         file.write_text(json.dumps(held))
         before = everything(axis.link)
-        with pytest.raises(InputError, match=r"got a folder with values of the axis .*'node_id': 7"):
+        with pytest.raises(
+            InputError, match=r"got a folder with values of the axis .*'node_id': 7"
+        ):
             tune.Tuning(axis, order(plants), tmp_path).run("check")
         assert everything(axis.link) == before
     assert json.loads(file.read_text()) == held

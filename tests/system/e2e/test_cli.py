@@ -216,8 +216,9 @@ WHOLE_LINES = [
     (
         ["verdict.windw_s=1"],
         f"{CONTACT}: verdict.windw_s: expected one of the keys window_s, force_ripple_max_count, "
-        "position_ripple_max_count, held_force_error_max_N, held_force_error_max_percent, "
-        "overshoot_max_percent, settle_max_s, peak_force_max_N, peak_force_max_percent, "
+        "position_ripple_max_count, position_error_max_count, held_force_error_max_N, "
+        "held_force_error_max_percent, overshoot_max_percent, settle_max_s, peak_force_max_N, "
+        "peak_force_max_percent, "
         'contact_losses_max, saturated_max_s, contact_held, got "windw_s"; did you mean '
         "window_s?; remove or rename this key",
     ),

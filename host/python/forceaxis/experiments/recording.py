@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from forceaxis import linear, paths
+from forceaxis import linear, paths, toml
 from forceaxis.bus.lcm import blank
 from forceaxis.bus.log import LogEntry
 from forceaxis.bus.messages import axis_state_t, sim_truth_t
 from forceaxis.bus.recordings import writer_of
-from forceaxis.design import model_file
 from forceaxis.experiments.run import Run
 from forceaxis.linear import working
 from forceaxis.objects import BY_NAME
@@ -54,7 +53,9 @@ def _states(done: Run) -> Iterator[LogEntry]:
     reading, columns = facts.reading, done.columns
     zero = scale = None
     if reading is not None:
-        zero = working.number(model_file.read(done.model).force_adc.zero_code, facts.parameters)
+        adcs = toml.read(linear.find_model(done.model))["adc"]
+        given = next(adc for adc in adcs if adc["channel"] == 0).get("zero_code", 0)
+        zero = working.number(given, facts.parameters)
         scale = reading.per_count * 1e6 if facts.signals.get(reading.signal) == "N" else None
     ticks = columns["tick"]
     for number, row in enumerate(range(0, len(ticks), STATE_TICKS)):

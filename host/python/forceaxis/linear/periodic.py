@@ -231,8 +231,8 @@ class PeriodicLoop(Loop):
 
     def _sensitivity(self, gain: float) -> "_Sensitivity":
         assert self.dt is not None
-        return _Sensitivity(*(getattr(self._minimal, n).astype(float) for n in "ABCD"), gain,
-                            self.dt)  # fmt: skip
+        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
+        return _Sensitivity(A, B, C, D, gain, self.dt)
 
     def peak(self, gain: float) -> float:
         """Returns Ms, the largest |S|, at a gain k at which the loop is stable."""
