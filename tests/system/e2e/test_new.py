@@ -692,7 +692,7 @@ def test_a_reading_that_is_older_than_the_firmware_can_measure_is_refused(tmp_pa
     assert ticks == {"force_age_max": 254, "cycle_age_max": 240}  # 60 ms and a sample of 100 ms
 
 
-HEAD = {
+COIL_HEAD = {
     "drive": "torque", "motor": "linear", "force_constant_n_per_a": 22, "motor_peak_current_a": 6,
     "moving_mass_kg": 1.6, "inclination_deg": -90, "sensor_full_scale_n": 150, "sensor_bits": 16,
     "workpiece_stiffness_n_per_m": 1.5e4, "workpiece_mass_kg": 0.2, "approach_mm": 3,
@@ -713,7 +713,7 @@ def test_a_contact_that_fails_has_the_reason_of_this_machine(
     tmp_path, changed, fault, limit, words
 ):
     """A softer sensor was the answer for a weight, a slow sensor and an old reading."""
-    written(tmp_path, **HEAD | changed)
+    written(tmp_path, **COIL_HEAD | changed)
     missed = SimpleNamespace(limit=limit)
     row = SimpleNamespace(fault=fault, missed=(missed,))
     with changes.Design(tmp_path / "mine/contact.toml") as plant:
