@@ -234,6 +234,26 @@ def test_the_grid_of_a_search_agrees_with_the_lifted_loop(tmp_path, cycle):
     assert exact.Ms >= alone.Ms and exact.gain_margin <= alone.gain_margin
 
 
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+def test_the_peak_of_S_is_the_largest_of_a_fine_grid(tmp_path, share):
+    """The grid is of the loop gain; a peak may also be at half the rate of the periods."""
+    loop = force_loop(model(tmp_path, (1200, "1", "1", 1)), "pi", integral_rad_per_s=5.0)
+    gain = share * loop.limit().gain
+    A, B, C, D = (getattr(loop._minimal, name).astype(float) for name in "ABCD")
+
+    def size(turn):
+        L = D + C @ np.linalg.solve(np.exp(1j * turn) * np.eye(len(A)) - A, B)
+        return np.linalg.norm(np.linalg.inv(np.eye(len(D)) + gain * L), 2)
+
+    low, high, points = 1e-4, math.pi, 3001
+    for _ in range(5):
+        turns = np.linspace(low, high, points)
+        sizes = [size(turn) for turn in turns]
+        top = int(np.argmax(sizes))
+        low, high, points = turns[max(top - 1, 0)], turns[min(top + 1, points - 1)], 41
+    assert loop.peak(gain) == pytest.approx(max(sizes), rel=2e-8)
+
+
 def test_what_cannot_know_the_samples_refuses(tmp_path):
     path = model(tmp_path, (1000, None, "3", 1))
     with pytest.raises(_core.InputError, match=r"adc\.sample_rate: .* samples at each tick"):
