@@ -11,7 +11,7 @@ from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
-from forceaxis.linear.precise import law_shape
+from forceaxis.linear.precise import Responses, law_shape
 from forceaxis.results import to_json
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -205,7 +205,7 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     bank = structures.bank(NUMBERS, 7.0).quantised()
     goal = search.Goal(timings=("zoh+1",))
     assert over.worst(plants, goal.timings, LoopSpec("bank", bank=bank)).gain_margin < 2
-    lowered, figures = certificate.exact(plants, grid, bank, goal)
+    lowered, figures = certificate.exact(Responses(plants, goal.timings), grid, bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures.gain_margin < 2.5 or 2.1 < figures.Ms_late <= 2.2
 

@@ -6,7 +6,7 @@ this module lower the gain until the exact figures of the worst members keep the
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -141,27 +141,24 @@ def _least(values: Sequence[float | None]) -> float | None:
 
 
 def exact(
-    plants: PlantSet, grid: Grid, bank: Bank, goal: Goal, responses: Responses | None = None,
-    accuracy: Accuracy = "exact", first: float = FIRST_GAIN_FACTOR,
+    responses: Responses, grid: Grid, bank: Bank, goal: Goal,
+    accuracy: Accuracy = "exact", first: float = FIRST_GAIN_FACTOR, least_Hz: float = 0.0,
 ) -> tuple[Bank, WorstFigures | None]:  # fmt: skip
     """Returns (filter bank, worst values) with a gain at which the exact bandwidth and margins keep
     the bounds of the goal on all plants. If no gain keeps the bounds, the gain is 0 and the worst
-    values are None. `responses`: frequency responses of the plants. Pass them if they serve for
-    several banks. `accuracy`: "quick" permits a relative error of up to QUICK_ERROR, and takes a
-    fraction of the time; "mean age" is also quick for a loop with several codes in a period, with
-    the mean age of the readings (WorstSearch.mean_age). `first`: ratio of the first gain that is
-    tried to the gain of `bank`."""
+    values are None. `responses`: frequency responses of the plants, with the delays of the goal.
+    `accuracy`: "quick" permits a relative error of up to QUICK_ERROR, and takes a fraction of the
+    time; "mean age" is also quick for a loop with several codes in a period, with the mean age of
+    the readings (WorstSearch.mean_age). `first`: ratio of the first gain that is tried to the gain
+    of `bank`. `least_Hz`: bandwidth fS in Hz that the law must exceed. The result is that of no
+    gain as soon as a gain that is too large has no more bandwidth: smaller gains have less."""
     bank = lowered(bank, first)
-    responses = responses or Responses(plants, goal.timings)
     kept: tuple[Bank, WorstFigures] | None = None
     failed = math.inf  # smallest gain that does not keep the bounds
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        if accuracy == "mean age":
-            found = {t: search.mean_age() for t, search in _searches(responses, bank).items()}
-        else:
-            found = _worst_of(responses, bank, goal, accuracy == "quick")
+        found = _worst_of(responses, bank, goal, accuracy)
         factor = min(_factor(w, goal, t, accuracy != "exact") for t, w in found.items())
         if factor >= 1:
             kept = bank, _figures(found, grid, bank)
@@ -169,6 +166,8 @@ def exact(
                 break
         else:
             failed = bank.force_gain
+            if not kept and _is_slower(found.values(), least_Hz):
+                break
         if kept:
             # The last step may have lowered the gain too far, so a larger gain is tried.
             between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
@@ -181,13 +180,25 @@ def exact(
     return kept or (replace(bank, force_gain=0.0), None)
 
 
-def _worst_of(responses: Responses, bank: Bank, goal: Goal, quick: bool) -> dict[str, over.Worst]:
+def _is_slower(found: Iterable[over.Worst], least_Hz: float) -> bool:
+    """Returns True if all loops are stable, and fS of one of them does not exceed `least_Hz`."""
+    every = list(found)
+    if not all(worst.stable for worst in every):
+        return False
+    return min(math.inf if w.fS_Hz is None else w.fS_Hz for w in every) <= least_Hz
+
+
+def _worst_of(
+    responses: Responses, bank: Bank, goal: Goal, accuracy: Accuracy
+) -> dict[str, over.Worst]:
     """Returns the worst bandwidth and margins for each delay of the loop. Quickly computed values
     are returned if they do not keep the bounds. Exact values would not keep the bounds either."""
     searches = _searches(responses, bank)
-    if quick or responses.is_exact:
+    if accuracy == "mean age":
+        return {t: search.mean_age() for t, search in searches.items()}
+    if accuracy == "quick" or responses.is_exact:
         found = {t: search.quick() for t, search in searches.items()}
-        if quick or min(_factor(w, goal, t) for t, w in found.items()) < 1:
+        if accuracy == "quick" or min(_factor(w, goal, t) for t, w in found.items()) < 1:
             return found
     return {t: search.exact() for t, search in searches.items()}
 

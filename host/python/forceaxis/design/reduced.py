@@ -15,6 +15,7 @@ from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import THIN, Goal, Samples
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
+from forceaxis.linear.precise import Responses
 
 NAME = "PI and one biquad"
 RANDOM = 40  # number of random plants in the final check, in addition to the corner plants
@@ -120,7 +121,9 @@ class ShortSearch:
         The gain is some per cent below the gain that the grid of frequencies permits. The
         computation takes seconds instead of milliseconds.
         """
-        return certificate.exact(self.plants, self.grid, bank, self.goal)
+        return certificate.exact(
+            Responses(self.plants, self.goal.timings), self.grid, bank, self.goal
+        )
 
     def limited_by(self, found: ShapedDesign) -> str:
         """Returns a sentence about the bound that limits the bandwidth of a design. The sentence

@@ -470,25 +470,25 @@ def _result(
     grid, count = _final_grid(plants, goal, problem, laws, threads)
     responses = Responses(plants, goal.timings)
 
-    def certified(name: str, unit: Bank) -> StructureDesign:
+    def certified(name: str, unit: Bank, least_Hz: float) -> StructureDesign:
         gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
         bank = certificate.lowered(unit, gain)
         accuracy: certificate.Accuracy = "quick" if unit.sections else "mean age"
-        bank, worst = certificate.exact(plants, grid, bank, goal, responses, accuracy)
+        bank, worst = certificate.exact(responses, grid, bank, goal, accuracy, least_Hz=least_Hz)
         return StructureDesign(name, bank_figures(bank), worst)
 
     rows: list[StructureDesign] = []
     for name, unit in units.items():
-        row = certified(name, unit)
+        # A structure with sections has to have more bandwidth than each smaller one except P.
+        least_Hz = _fastest([r for r in rows if r.name != "P"]) if unit.sections else 0.0
+        row = certified(name, unit, least_Hz)
         if name == "PI" and row.bandwidth_Hz < SMALLER_SHARE * _fastest(rows):
             numbers = problem.without_ramp(best[name], structures.bounds(name, 1.0))
-            other = certified(name, structures.bank(numbers, 1.0).quantised())
+            other = certified(name, structures.bank(numbers, 1.0).quantised(), 0.0)
             row = max(row, other, key=lambda r: r.bandwidth_Hz)
-        if not row.worst:
+        if not row.worst and not least_Hz:
             continue
-        if structures.STRUCTURES[name] and row.bandwidth_Hz <= _fastest(
-            [r for r in rows if r.name != "P"]
-        ):
+        if structures.STRUCTURES[name] and row.bandwidth_Hz <= least_Hz:
             say(f"{name}: no more bandwidth than a smaller structure")
             continue
         rows.append(row)
@@ -503,7 +503,7 @@ def _result(
         bank, worst = rows[at].bank.bank, rows[at].worst
         # With several codes in a period, the values of a law with sections are exact already.
         if responses.is_exact or not bank.sections:
-            bank, worst = certificate.exact(plants, grid, bank, goal, responses, first=1.0)
+            bank, worst = certificate.exact(responses, grid, bank, goal, first=1.0)
         if not worst or not worst.fS_Hz:
             return None
         rows[at] = StructureDesign(name, bank_figures(bank), worst)
