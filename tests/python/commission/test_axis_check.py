@@ -437,3 +437,23 @@ def test_a_move_that_ends_beside_its_target_says_by_how_much(machines):
         actions.move(axis, axis.integer("position") - 4000)
     said = re.search(r"stands (\S+) beside it", str(refused.value))
     assert float(said[1]) == pytest.approx(error, rel=0.02)
+
+
+def test_the_tare_waits_for_a_motor_that_swings_within_the_backlash_of_its_gear(tmp_path):
+    """The friction of the guide holds the load, and nothing damps the motor of a drive that is off:
+    after the motion of the check it swings for seconds."""
+    given = dict(
+        drive="velocity", velocity_loop_hz=30, full_scale_speed_m_per_s=0.3, lead_mm_per_rev="none",
+        torque_constant_n_m_per_a=0.35, rotor_inertia_kg_m2=4e-5, motor_peak_current_a=9,
+        pulley_radius_mm=4, efficiency=0.92, transmission_stiffness_n_per_m=4.5e5,
+        backlash_mm=0.06, moving_mass_kg=9.5, guide_coulomb_n=12, sensor_full_scale_n=250,
+        sensor_stiffness_n_per_m=1.5e6, sensor_bits=16, sensor_noise_n=0.08,
+        encoder_counts_per_rev=4096, workpiece_stiffness_n_per_m=8000, workpiece_mass_kg=0.3,
+        approach_mm=6,
+    )  # fmt: skip
+    sheet = {key: str(value) for key, value in given.items()}
+    new.write(tmp_path / "gantry", *data_sheet.collect(sheet))
+    run, axis, _ = checked(tmp_path / "gantry/contact.toml")
+    assert run.passed, run.steps
+    assert [step.verdict for step in run.steps if step.step == "tare"] == ["passed"]
+    assert axis.read("tare_state") == "done"

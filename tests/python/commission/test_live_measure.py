@@ -177,6 +177,19 @@ def test_a_strike_ends_the_excitation_in_its_tick_and_half_the_amplitude_is_take
     assert level.force_max_N < 100.0
 
 
+@pytest.mark.parametrize("last", [2.9, 2.0])
+def test_a_distortion_that_the_last_attempt_still_has_is_noise(axis_file, monkeypatch, last):
+    """As on a gantry with backlash: it falls with each halving of the amplitude, but remains."""
+    distortions = iter([32.0, 16.0, 8.0, 4.0, 3.0, last, 32.0])
+    monkeypatch.setattr(response, "excess", lambda *given: next(distortions))
+    with Axis(SimLink(axis_file())) as axis:
+        order = MeasuringOrder(force_max_N=150.0, averages=4, amplitude=64)
+        with Analyzer(axis, order) as analyzer:
+            level = analyzer.contact(75.0)
+    assert level.amplitude == 64 and level.distorted == 32.0
+    assert [abort.why for abort in level.aborts] == ["distorted"] * 5
+
+
 @pytest.mark.parametrize(
     ("firmware", "plant", "name"),
     [

@@ -22,6 +22,8 @@ FIRST_DAY = datetime.date(1984, 1, 1)  # day 0 of dates in CiA 301
 CALIBRATION_POINTS = range(2, 9)
 FORCE_MAX_COUNTS = 512  # largest value of the object `force_max` in force counts
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
+# A tare that is refused because a disabled axis moves is repeated for this time in s.
+TARE_STAND_MAX_S = 10.0
 # Largest increase of the measured force during a retract, in 8-bit counts.
 RETRACT_FORCE_COUNTS = 8
 # Number of steps in which a target force is lowered to 0. Longest time in s that it may take.
@@ -128,12 +130,17 @@ class TareObjects:
 
 
 def tare(axis: Drive) -> TareResult:
-    """Tares a disabled axis at standstill. Raises Refused with the reason that the axis states."""
-    axis.set(tare=1)
-    axis.link.wait(POLL_PERIOD_S)
-    found = axis.wait_for(
-        TareObjects, lambda s: s.tare_state != "running", "the end of the tare", 10.0
-    )
+    """Tares a disabled axis at standstill. A motor that still coasts, or that swings within the
+    backlash of its gear, has TARE_STAND_MAX_S seconds to come to rest. Raises Refused with the
+    reason that the axis states."""
+    for _ in axis.link.polls(TARE_STAND_MAX_S):
+        axis.set(tare=1)
+        axis.link.wait(POLL_PERIOD_S)
+        found = axis.wait_for(
+            TareObjects, lambda s: s.tare_state != "running", "the end of the tare", 10.0
+        )
+        if found.tare_state != "refused_moving":
+            break
     if found.tare_state != "done":
         raise Refused(f"{axis.link.where}: tare {found.tare_state.replace('_', ' ')}")
     axis.link.wait(POLL_PERIOD_S)

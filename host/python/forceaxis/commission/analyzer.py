@@ -425,17 +425,24 @@ class Analyzer:
         if not level.amplitude:
             level.amplitude = self._search(level, excitation)
         distorted: list[tuple[int, float]] = []  # amplitude and distortion of each attempt
-        for _ in range(self._reductions_max):
+        attempts = 0
+        while attempts < self._reductions_max:
+            attempts += 1
             try:
                 r, u, y = np.stack(self._realisations(level, excitation), 1)
                 break
             except Ended as ended:
                 if ended.reason == "distorted":
                     distorted.append((level.amplitude, level.distorted))
-                if len(distorted) > 1 and distorted[-1][1] > DISTORTION_FALL * distorted[-2][1]:
+                stays = len(distorted) > 1 and (
+                    distorted[-1][1] > DISTORTION_FALL * distorted[-2][1]
+                    or len(distorted) == self._reductions_max
+                )
+                if stays:
                     level.amplitude, self._takes_distortion = distorted[0][0], True
+                    attempts = 0  # these attempts had amplitudes within the bounds
                     self.say(
-                        "a smaller amplitude does not reduce the distortion, as with dry friction: "
+                        "a smaller amplitude does not remove the distortion, as with dry friction: "
                         "it counts as noise of the response"
                     )
                     continue

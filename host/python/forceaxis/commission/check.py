@@ -703,7 +703,6 @@ class MotionCheck:
                        self.reading, band)  # fmt: skip
         else:
             try:
-                actions.wait_to_stand(self.axis)
                 found = actions.tare(self.axis)
             except (Refused, NoAnswer) as error:
                 self._done("tare", "failed", str(error), self.reading, band)
