@@ -64,6 +64,7 @@ DISTURBED = {
     "stiffening": ({}, {"stiffening": {"factors": [0.4, 1.0, 2.0], "loads_N": [500.0, 900.0]}}),
 }
 GATE = ("frame",)
+FAR = ("drive_numbers", "moving_mass")
 
 
 @pytest.mark.parametrize(
@@ -83,6 +84,13 @@ def test_a_disturbance_alone_is_named_with_what_the_fit_then_accepts(cause, tmp_
             late = np.exp(-2j * np.pi * one.frequency_hz * machine.elements["latency"]["s"])
             one = replace(one, response=one.response * late)
         found.append(replace(one, model=str(path)))
+    if cause in FAR:  # the value of the data sheet is doubted, and the fit goes on
+        fit = joint_fit.joint(path, known.priors(path, OVER), found, OVER)
+        (name,) = machine.truth
+        assert fit.rejected is None and fit.far == (name,)
+        wanted = machine.truth[name] * linear.facts(path).parameters[name].value
+        assert fit.best[name] == pytest.approx(wanted, rel=0.1)
+        return
     tried = candidates(path, found, tmp_path)
     first = missing_parts.winner(tried)
     assert first is not None, missing_parts.text_of(tried)
@@ -96,8 +104,8 @@ def test_a_disturbance_alone_is_named_with_what_the_fit_then_accepts(cause, tmp_
 
 
 @pytest.mark.long
-def test_a_cause_that_two_candidates_explain_is_not_known(tmp_path):
-    """A lag of 0.4 ms and a latency of 0.4 ms are the same in a band up to 150 Hz."""
+def test_a_lag_of_the_sensor_is_told_from_a_latency(tmp_path):
+    """Of 0.4 ms: the phases are the same up to 150 Hz, and the lag takes 6 % of the size there."""
     machine = copy.deepcopy(drawn_machines.draw(*MACHINE, exact=True))
     path = drawn_axes.written(tmp_path / "known", machine.sheet) / "model.toml"
     found = []
@@ -106,9 +114,9 @@ def test_a_cause_that_two_candidates_explain_is_not_known(tmp_path):
         lag = 1 / (1 + 2j * np.pi * one.frequency_hz * 4e-4)
         found.append(replace(one, response=one.response * lag) if i else one)
     tried = candidates(path, found, tmp_path)
-    assert missing_parts.winner(tried) is None
+    first = missing_parts.winner(tried)
+    assert first.name == "sensor_lag" and first.values["lag_s@"] == pytest.approx(4e-4, rel=0.1)
     text = missing_parts.text_of(tried)
-    assert text.startswith("the cause is not known: ") and "`forceaxis " in text
     assert "excluded: " in text and "a workpiece that relaxes" in text.partition("excluded")[2]
 
 

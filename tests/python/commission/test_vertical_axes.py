@@ -266,4 +266,5 @@ def test_tune_of_a_vertical_head_succeeds_at_its_first_command(tmp_path):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["refused"] is None
-    assert found["Ms_verified"] == pytest.approx(found["Ms_predicted"], abs=0.15)
+    # The promise is that of the worst plant of the set.
+    assert 1 < found["Ms_verified"] < found["Ms_predicted"] + 0.15

@@ -130,6 +130,9 @@ BANDWIDTH_FACTOR = 1.7
 # A law whose distance has become smaller than MODEL_ERROR_MS_MIN of the first one is too slow.
 MODEL_ERROR_MS_MIN = 0.25
 MODEL_ERROR_ROUNDS, MODEL_ERROR_STEP_MIN, MODEL_ERROR_STEP_MAX = 7, 0.4, 0.85
+# An axis without friction coasts while a law is designed. If its distance from the start exceeds
+# this many times the distance to the workpiece in the model, it goes back before an approach.
+AWAY_GAPS = 1.5
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
@@ -583,11 +586,13 @@ def verify(
     band_hz = (min(low, high / BAND_RATIO_MIN), high)
     order = replace(order, band_hz=band_hz, averages=max(5, order.averages // 2))
     fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
+    gap, start = machine_bounds.gap_counts(tuning.model), checked.rest.position
     levels: dict[str, VerifiedResponse] = {}
     first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
     try:
         for force in order.forces:
-            go_home(tuning, checked)
+            if gap and abs(tuning.axis.integer("position") - start) > AWAY_GAPS * gap:
+                go_home(tuning, checked)
             about, order = _verified(fitted_axis, force, first, order)
             first = next_amplitude(about.amplitude, force, order.forces)
             levels[f"verified-{force:g}N"] = about
