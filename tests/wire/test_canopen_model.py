@@ -66,7 +66,7 @@ def check_that_it_pressed(logged, said):
         int, COUNTS.match(said).groups()
     )
     assert ticks == logged
-    assert law >= ticks / 3, said
+    assert law >= 0.3 * ticks, said
     assert on > law
     assert lost > ticks / 1000 and strikes > ticks / 200, said
     assert judged > ticks / 100 and touch > ticks / 40 and approach > ticks / 40, said
