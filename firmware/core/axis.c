@@ -117,6 +117,14 @@ static inline void put_out(axis_signals_t *signals, int32_t output_q16) {
   signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
 }
 
+/* Gives the code of this tick to the drive, and enables it. */
+static inline void switch_on(const axis_signals_t *restrict signals,
+                             axis_outputs_t *restrict outputs) {
+  outputs->dac_code = signals->dac_code;
+  outputs->dac_fine = signals->dac_fine;
+  outputs->amp_enable = 1;
+}
+
 /* Returns true if the axis was disabled without a fault and its brake has not engaged yet. */
 static bool is_engaging(const axis_t *axis) {
   return axis->signals.fault == AXIS_FAULT_NONE &&
@@ -138,9 +146,7 @@ static void hold_for_brake(axis_t *restrict axis, uint8_t digital_inputs,
   put_out(signals, output_q16);
   signals->active_mode = AXIS_MODE_OPEN_LOOP;
   signals->command_code = signals->dac_code;
-  outputs->dac_code = signals->dac_code;
-  outputs->dac_fine = signals->dac_fine;
-  outputs->amp_enable = 1;
+  switch_on(signals, outputs);
 }
 
 static void latch_fault(axis_t *axis, uint8_t fault) {
@@ -282,9 +288,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
                (axis->bounded != 0) ? limits_bound(axis, command_q16) : command_q16);
   }
   limits_add_drive(inputs->drive, &signals->limit_reason);
-  outputs->dac_code = signals->dac_code;
-  outputs->dac_fine = signals->dac_fine;
-  outputs->amp_enable = 1;
+  switch_on(signals, outputs);
   outputs->brake_release = 1;
   assert_after_tick(axis, outputs);
 }
