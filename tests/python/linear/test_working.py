@@ -133,6 +133,19 @@ def test_both_flanks_of_a_play_are_one_member_and_never_pressed_together(tmp_pat
     assert open_gap.text == "gear_spring open, sensor pressed"
 
 
+def test_an_open_play_is_no_member_although_the_machine_bed_moves_the_load(tmp_path):
+    path = model(tmp_path, play=2e-4)
+    text = path.read_text().replace('["load", "ground"]', '["load", "bed"]')
+    text = text.replace('body = "motor"\nforce', 'body = "motor"\nreaction = "bed"\nforce')
+    carried = '[[body]]\nname = "bed"\nmass = 100.0\n[[spring]]\nname = "feet"\n'
+    carried += 'between = ["bed", "ground"]\nstiffness = 1e6\n'
+    path.write_text(text.replace("[[backlash]]", f"{carried}[[backlash]]", 1))
+    gap = {f"gear_spring.{side}": "apart" for side in ("low", "high")}
+    assert linear.linearise(path, modes=gap).has_path()
+    assert over.modes_all(path) == ({},)
+    assert over.distinct(path, None, "reading", [{}, gap]) == ({},)
+
+
 def test_a_friction_that_the_drive_cannot_break_loose_stays_stuck(tmp_path):
     """10 V of 50 N/V are 500 N; the gear's own stuck friction gets part of them."""
     assert [one.name for one in working.held(model(tmp_path, ("guide",), coulomb=499.0))] == []

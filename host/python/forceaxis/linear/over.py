@@ -511,7 +511,14 @@ def distinct(
 ) -> tuple[dict[str, str], ...]:
     """Returns combinations of element states without repetition. Of all combinations with equal
     equations, only one is returned. Combinations in which the command does not act on the output
-    are left out. Each combination names as few states as possible."""
+    are left out. So are those in which a backlash is open, although the command then still acts
+    through the machine bed that carries motor and axis: no law controls a force across an open
+    backlash. Each combination names as few states as possible."""
+    plays = working.backlashes(model)
+
+    def opens(modes: States) -> bool:
+        flanks = ([modes.get(name + end) for end in working.FLANKS] for name in plays)
+        return any(None not in both and working.CLOSED not in both for both in flanks)
 
     def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
@@ -520,7 +527,7 @@ def distinct(
     found: list[dict[str, str]] = []
     seen: list[StateSpace] = []
     for modes in candidates:
-        equations = _equations(model, overrides, modes, output)
+        equations = None if opens(modes) else _equations(model, overrides, modes, output)
         if equations is None or any(all(map(np.array_equal, equations, o)) for o in seen):
             continue
         seen.append(equations)

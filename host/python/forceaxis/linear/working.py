@@ -13,7 +13,7 @@ set.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -220,11 +220,16 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
     return {one.name: SLIDING for one in own} | closed | small
 
 
+@lru_cache(maxsize=64)
+def _contacts(path: str, stamp: Stamp) -> tuple[str, ...]:
+    """Returns the names of the contacts of a model. `stamp`: as for _elements()."""
+    return tuple(contact.name for contact in plant_facts.read(path).contacts)
+
+
 @lru_cache(maxsize=512)
-def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """Returns the default states of friction and backlash elements. `stamp`: version of the model
-    file. `used`: the parameter values that the computation uses. Both are part of the key of the
-    cache."""
+def _chosen(path: str, stamp: Stamp, overrides: Used) -> dict[str, str]:
+    """Returns the default states of friction and backlash elements. `stamp`: as for
+    _elements()."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
     return _sliding(path, frictions(path, values)) | stuck
@@ -242,19 +247,20 @@ def working(
     free: True if contacts are open. Raises InputError for a file that is not a model.
     """
     named = dict(modes or {})
-    if not any(_own_elements(path)):
+    own = _own_elements(path)
+    if not any(own):
         return Working(named)
-    known = plant_facts.read(str(path), overrides)
-    used = tuple(sorted((name, value) for name, (value, _) in known.parameters.items()))
-    given = tuple(sorted((overrides or {}).items()))
-    chosen = dict(_chosen(str(path), _stamp(path), used, given))
+    stamp = _stamp(path)
+    if own.frictions:
+        chosen = dict(_chosen(str(path), stamp, tuple(sorted((overrides or {}).items()))))
+    else:
+        chosen = _sliding(path, ())
     for name in backlashes(path):
         # If one flank of the backlash is closed, the other flank is not.
         if named.get(name + FLANKS[0], OPEN) != OPEN:
             chosen.pop(name + FLANKS[1])
     taken = chosen | named
-    contacts = [contact.name for contact in known.contacts]
-    return Working(taken, _text(path, contacts, taken, free))
+    return Working(taken, _text(path, _contacts(str(path), stamp), taken, free))
 
 
 def friction_states(
@@ -296,7 +302,7 @@ def choices(
     return found
 
 
-def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bool) -> str:
+def _text(path: str | Path, contacts: Sequence[str], taken: dict[str, str], free: bool) -> str:
     left = dict(taken)
     words = []
     for row in _own_elements(path).frictions:
