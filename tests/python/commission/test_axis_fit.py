@@ -160,6 +160,19 @@ def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, error, name):
     assert (summary.set is None) == (summary.intervals is None) == (name is not None)
 
 
+def test_a_mode_in_a_narrow_band_is_not_hidden_by_a_large_error_of_all_lines(model):
+    """A machine bed of 13 Hz was accepted at p = 1 beside friction that made every line uncertain
+    by 15 %."""
+    found, errors = three(model, true_values(model), error=0.1), [0.15] * 3
+    priors = known.priors(model, OVER)
+    assert joint_fit.joint(model, priors, found, OVER, errors=errors).rejected is None
+    for one in found[1:]:
+        s = 1j * one.frequency_hz / 31.0
+        one.response[:] *= (1 + 0.06 * s + s**2) / (1 + 0.06 * s + (s * 31 / 33) ** 2)
+    fit = joint_fit.joint(model, priors, found, OVER, errors=errors)
+    assert fit.rejected == "chi2" and fit.p > 0.1  # of all lines together
+
+
 def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
     truth = true_values(model)
     stiffer = truth | {"k_s": 1.15 * truth["k_s"]}

@@ -71,18 +71,16 @@ def link(folder):
     return SimLink(folder / "contact.toml", list(drawn_axes.DELIVERED))
 
 
-def pushed(friction_N, low=18.0, high=120.0, noise=0.3):
+def pushed(friction_N, low=18.0, high=120.0, noise=0.3, stiffer=1.0):
     """(force, position in counts) of a workpiece on a spring and a table that is pushed from `low`
-    to `high` and back, slid forward before: it moves only where the force overcomes the table."""
+    to `high` and back, slid forward before: it moves only where the force overcomes the table. The
+    spring is `stiffer` above half of the largest force."""
     rng = np.random.default_rng(28)
     force = np.concatenate([np.linspace(low, high, 1600), np.linspace(high, low, 1600)])
-    place, at = [], (low - friction_N) / K_W
+    place, spring = [], low - friction_N
     for one in force:
-        spring = K_W * at
-        if one - spring > friction_N:
-            at = (one - friction_N) / K_W
-        elif one - spring < -friction_N:
-            at = (one + friction_N) / K_W
+        spring = min(max(spring, one - friction_N), one + friction_N)
+        at = min(spring, high / 2) / K_W + max(spring - high / 2, 0.0) / (stiffer * K_W)
         place.append(at + one / K_S)
     counts = np.round(COUNTS * np.array(place) + rng.normal(size=len(place)) * 0.3)
     return force + noise * rng.normal(size=len(force)), counts
@@ -95,6 +93,17 @@ def test_friction_under_a_workpiece_shows_in_the_way_there_and_back(newton):
     assert found.sliding == pytest.approx(COUNTS / K_W, rel=0.15)
     assert found.compliance == pytest.approx(COUNTS / K_S, rel=0.15)
     assert not found.soft
+
+
+@pytest.mark.parametrize("newton", [4.0, 8.0])
+def test_friction_is_told_from_a_stiffness_that_grows_with_the_force(newton):
+    """A fixture with 1.8 times the stiffness at the larger forces was told to hold 37 N of 8 N."""
+    found = friction.slow_loading(*pushed(newton, stiffer=1.8), COUNTS / K_S)
+    assert found.friction_N == pytest.approx(newton, rel=0.3)
+    mean = (0.5 + 0.5 / 1.8) / 1.0
+    assert found.bends[0] == pytest.approx(1 / 1.8 / mean, rel=0.2)
+    assert found.bends[1] == pytest.approx(1 / mean, rel=0.2)
+    assert friction.slow_loading(*pushed(newton), COUNTS / K_S).bends == (1.0, 1.0)
 
 
 def test_without_friction_there_is_none_and_nothing_is_soft():

@@ -19,8 +19,9 @@ large amplitude. A measured response is therefore valid only for its own amplitu
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy import optimize
@@ -66,6 +67,7 @@ FORCE_ERROR_MIN = 0.06
 # BLOCK_SAMPLES: number of samples of a block, which are replaced by their mean.
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
+KNOTS = 3  # number of forces at which the compliance may change
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
@@ -152,7 +154,8 @@ class SlowLoading:
     parts that move only after the friction is overcome. `softest`: largest compliance between the
     two forces, divided by the compliance at the two forces. `softest_N`: force in N at which the
     compliance is largest. `creep`: compliance in counts/N that follows the force with the time
-    constant `creep_s`, of a workpiece that relaxes; 0 for one that does not.
+    constant `creep_s`, of a workpiece that relaxes; 0 for one that does not. `bends`: smallest and
+    largest value of `sliding` between the two forces, divided by its mean.
     """
 
     friction_N: float
@@ -166,6 +169,7 @@ class SlowLoading:
     way: int  #: change of the position in encoder counts
     creep: float = 0.0
     creep_s: float = 0.0
+    bends: tuple[float, float] = (1.0, 1.0)
 
     @property
     def rubs(self) -> bool:
@@ -546,51 +550,109 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     if it is unknown."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
-    span = high - low
-
-    def left(half: float) -> tuple[Samples, Samples]:
-        columns = [np.ones(len(F)), F, play_operator(F, half)]
-        table = np.column_stack(columns if half else columns[:2])
-        solved = np.linalg.lstsq(table, x, rcond=None)[0]
-        return np.asarray(table @ solved - x), np.asarray(solved)
-
-    def size(half: float) -> float:
-        error, solved = left(half)
-        return float(np.sum(error**2)) * (1.0 if half == 0 or min(solved[1:]) > 0 else 4.0)
-
-    grid = np.linspace(0.004, 0.49, 60) * span
-    sizes = [size(half) for half in grid]
-    i = int(np.argmin(sizes))
-    ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
-    half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
-    plain, (_, c_all) = left(0.0)
-    error, (_, c_stuck, c_slide) = left(half)
-    at_once, creep, creep_s, creep_size = _creep(F, x)
+    one = _simplest([_loops(F, x, knots) for knots in (0, KNOTS)])
+    late = _simplest([_creep(F, x, knots) for knots in (0, KNOTS)])
+    half, c_all, c_slide = one.half, one.whole, one.slides
     # Friction is accepted only if the positions at rising and falling force clearly differ.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
-    rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
-    explained = creep_size < RELAXING_SHARE * float(np.sum(error**2))
-    relaxes = rubs and min(at_once, creep) > 0 and explained
+    rubs = bool(shows and one.left < (1 - ERROR_REDUCTION_MIN) * one.without)
+    relaxes = min(late.at_once, late.creep) > 0 and late.left < RELAXING_SHARE * one.left
+    creep, creep_s = 0.0, 0.0
     if relaxes:
-        rubs, c_all = False, at_once
-    else:
-        creep, creep_s = 0.0, 0.0
+        rubs, c_all, creep, creep_s = False, late.at_once, late.creep, late.creep_s
     sticks = bool(not rubs and not relaxes and rigid and c_all < 1.15 * rigid)
     softest_N, softest = _softest(
         F, x - (c_slide * (play_operator(F, half) - F) if rubs else 0.0), low, high
     )
-    friction = half if rubs else (span / 2 if sticks else 0.0)
+    friction = half if rubs else ((high - low) / 2 if sticks else 0.0)
     return SlowLoading(
-        float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
+        float(friction), sticks, one.stuck if rubs else c_all, c_slide if rubs else 0.0,
         softest_N, softest, low, high, round(float(np.ptp(x))), creep, creep_s,
+        one.bends if rubs else (1.0, 1.0),
     )  # fmt: skip
 
 
-def _creep(force: Samples, x: Samples) -> tuple[float, float, float, float]:
+@dataclass(frozen=True)
+class _Loop:
+    """The dry friction that explains different positions at rising and falling force best.
+
+    half: the friction in N. stuck, slides: compliance in counts/N of the parts that always move,
+    and of those behind the friction. whole: compliance of all parts without friction. left,
+    without: sum of the squares of the errors of the position, with and without friction. bends:
+    smallest and largest compliance behind the friction, divided by `slides`.
+    """
+
+    half: float
+    stuck: float
+    slides: float
+    whole: float
+    left: float
+    without: float
+    bends: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Creep:
+    """The slow yielding that explains different positions at rising and falling force best.
+
+    at_once, creep: compliance in counts/N that follows the force at once, and with the time
+    constant `creep_s`. left: sum of the squares of the errors of the position.
+    """
+
+    at_once: float
+    creep: float
+    creep_s: float
+    left: float
+
+
+Slow = TypeVar("Slow", _Loop, _Creep)
+
+
+def _simplest(found: Sequence[Slow]) -> Slow:
+    """Returns the result with a constant stiffness, or the one with a stiffness that depends on the
+    force, if this clearly reduces the error. `found`: these two results."""
+    straight, bent = found
+    return bent if bent.left < (1 - ERROR_REDUCTION_MIN) * straight.left else straight
+
+
+def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
+    """Fits dry friction to block means of force in N and position in encoder counts."""
+
+    def fitted(half: float) -> tuple[float, float, Samples]:
+        """Sum of the squares, compliance before the friction, and behind it between the knots."""
+        through = play_operator(F, half) if half else F
+        table = np.column_stack([np.ones(len(F)), *([F] if half else []), _curve(through, knots)])
+        solved = np.linalg.lstsq(table, x, rcond=None)[0]
+        stuck = float(solved[1]) if half else 0.0
+        return float(np.sum((table @ solved - x) ** 2)), stuck, np.cumsum(solved[-knots - 1 :])
+
+    def size(half: float) -> float:
+        error, stuck, behind = fitted(half)
+        return error * (1.0 if min(stuck, behind.mean()) > 0 else 4.0)
+
+    grid = np.linspace(0.004, 0.49, 60) * float(np.percentile(F, 98) - np.percentile(F, 2))
+    i = int(np.argmin([size(half) for half in grid]))
+    ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
+    half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
+    without, _, whole = fitted(0.0)
+    left, stuck, behind = fitted(half)
+    slides = float(behind.mean())
+    bends = float(behind.min()) / slides, float(behind.max()) / slides
+    return _Loop(half, stuck, slides, float(whole.mean()), left, without, bends)
+
+
+def _curve(force: Samples, knots: int) -> Samples:
+    """Returns functions of a force in N, one in each column. Their sum is any position whose slope
+    changes at each of `knots` forces. A stiffness that depends on the force is thus not regarded as
+    friction or as a workpiece that relaxes: with it, a force has one position."""
+    places = np.linspace(force.min(), force.max(), knots + 2)[1:-1]
+    return np.column_stack([force, *(np.maximum(force - place, 0.0) for place in places)])
+
+
+def _creep(force: Samples, x: Samples, knots: int) -> _Creep:
     """Fits a workpiece that relaxes to block means of force in N and position in encoder counts: a
     part of the compliance follows the force through a first-order lag, which is at rest at the
-    first sample. Returns the other compliance and this one in counts/N, its time constant in s,
-    and the sum of the squares of the errors."""
+    first sample. `knots`: number of forces at which the other compliance changes."""
     block_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
 
     def fitted(log_s: float) -> tuple[float, float, float]:
@@ -599,10 +661,12 @@ def _creep(force: Samples, x: Samples) -> tuple[float, float, float, float]:
         for i, one in enumerate(force):
             now = one + (now - one) * keeps
             late[i] = now
-        table = np.column_stack([np.ones(len(force)), force, late])
+        table = np.column_stack([np.ones(len(force)), late, curve])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
-        return float(np.sum((table @ solved - x) ** 2)), float(solved[1]), float(solved[2])
+        at_once = float(np.cumsum(solved[2:]).mean())
+        return float(np.sum((table @ solved - x) ** 2)), at_once, float(solved[1])
 
+    curve = _curve(force, knots)
     grid = np.log(np.geomspace(*CREEP_S, 25))
     i = int(np.argmin([fitted(one)[0] for one in grid]))
     ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
@@ -610,7 +674,7 @@ def _creep(force: Samples, x: Samples) -> tuple[float, float, float, float]:
         optimize.minimize_scalar(lambda one: fitted(one)[0], bounds=ends, method="bounded").x
     )
     size, at_once, creep = fitted(best)
-    return at_once, creep, math.exp(best), size
+    return _Creep(at_once, creep, math.exp(best), size)
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:

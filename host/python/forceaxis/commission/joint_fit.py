@@ -57,6 +57,9 @@ MODEL_ERROR = 0.01  # relative error of a model, which no change of its paramete
 # ERROR_ROUNDS times with these errors. Its parameters stay within ERROR_REACH prior standard
 # deviations, so that it remains the model of this machine.
 ERROR_WIDTH_LOG, ERROR_ROUNDS, ERROR_REACH = 0.1, 6, 2.0
+# Width of a band in which a model has to explain a response, as a difference of the logarithms of
+# its frequencies.
+LOCAL_WIDTH_LOG = 0.2
 # GRID_POINTS: number of start values of each nearly unknown parameter.
 # ANTIRESONANCES: number of start frequencies of the antiresonance.
 # SEARCHES_MAX: number of best points of the grid from which a search begins.
@@ -84,7 +87,7 @@ class ResponseScore:
 
     `name`: "apart" or "in contact". `points`: number of frequencies. `modes`: {element: state} in
     which the model is linearised. `p`: probability that chi-square is at least as large for a
-    correct model.
+    correct model, over all frequencies or in a narrow band.
     """
 
     name: str
@@ -522,18 +525,32 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
                       own=[problem.own[i] for i in kept],
                       errors=[problem.errors[i] for i in kept])  # fmt: skip
         x = one.search(best).x
-        if any(_score(s)[2] < REJECTED_BELOW / len(kept) for s in one.scores(x)):
+        scores = zip(one.scores(x), one.measured, strict=True)
+        if any(_score(s, m)[2] < REJECTED_BELOW / len(kept) for s, m in scores):
             return None
         found.append(x)
     apart = np.array(found)
     return apart if len(apart) > 1 and np.ptp(apart, 0).max() < LEVEL_DISTANCE_MAX_LOG else None
 
 
-def _score(residuals: Samples) -> tuple[float, int, float]:
-    """Returns three numbers: chi-square, degrees of freedom, and the probability that chi-square is
-    at least as large."""
+def _score(residuals: Samples, measured: Measurement) -> tuple[float, int, float]:
+    """Returns three numbers: chi-square, degrees of freedom, and the probability that a correct
+    model has a chi-square at least as large, of all frequencies or of those in a narrow band.
+
+    A mode that the model lacks shows in a narrow band. If the response has many lines, or a large
+    error, its chi-square hides such a mode. Therefore each band of the width LOCAL_WIDTH_LOG is
+    judged, too. Their smallest probability is multiplied by their number (Bonferroni). A response
+    out of contact is judged as a whole, because the force law does not act on it.
+    """
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
-    return chi2, dof, chi_square_tail(chi2, dof)
+    if measured.free:
+        return chi2, dof, chi_square_tail(chi2, dof)
+    lines = np.sum(residuals.reshape(2, -1) ** 2, 0)
+    at = np.log(measured.frequency_hz)
+    near = abs(at[:, None] - at) <= LOCAL_WIDTH_LOG / 2
+    sums, counts = near @ lines, 2 * near.sum(1)
+    local = min(map(chi_square_tail, sums.tolist(), counts.tolist()), default=1.0)
+    return chi2, dof, min(chi_square_tail(chi2, dof), len(at) * local)
 
 
 def _evaluated(
@@ -549,7 +566,7 @@ def _evaluated(
             scores[i] = problem.scores(row)[i]
     for m, modes, score in zip(problem.measured, problem.modes, scores, strict=True):
         name = "apart" if m.free else "in contact"
-        levels.append(ResponseScore(name, len(m.frequency_hz), modes, *_score(score)))
+        levels.append(ResponseScore(name, len(m.frequency_hz), modes, *_score(score, m)))
     away = (x - problem.centre) / problem.spread
     best = problem.values(x)
     chi2 = sum(level.chi2 for level in levels) + float(np.sum(away**2))

@@ -183,8 +183,8 @@ def _between(
     )  # fmt: skip
     return SlowChange(
         friction_N=found.friction_N, sticks=found.sticks, compliance=found.compliance,
-        sliding=found.sliding, softest_N=found.softest_N, softest=found.softest, low_N=found.low_N,
-        creep=found.creep or None, creep_s=found.creep_s or None,
+        sliding=found.sliding, bends=found.bends, softest_N=found.softest_N, softest=found.softest,
+        low_N=found.low_N, creep=found.creep or None, creep_s=found.creep_s or None,
         high_N=found.high_N, force_N=tuple(friction.block_means(force).tolist()),
         way=tuple(friction.block_means(place).tolist()),
     ), law  # fmt: skip

@@ -116,6 +116,7 @@ class SlowChange:
     softest: float | None = None
     creep: float | None = None
     creep_s: float | None = None
+    bends: tuple[float, float] = (1.0, 1.0)
     way: tuple[float, ...] = ()
     force_N: tuple[float, ...] = ()
 
@@ -267,12 +268,13 @@ class Stored:
 @dataclass(frozen=True)
 class StepRefusal:
     """A step that ended with a Refusal: name of the step, and name and text of the Refusal.
-    `lines`: TOML text to add to the model."""
+    `lines`: TOML text to add to the model. `model`: path of a model with these lines."""
 
     step: str
     name: str
     text: str
     lines: str | None = json_field(omit_none=True)
+    model: str | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True, kw_only=True)
