@@ -4,8 +4,8 @@ of JSON for each, and at the end the score by kind.
     machine_study.py [--kind K ...] [--seeds A:B] [--exact] [--processes N] [--bandwidth]
     machine_study.py --of ROWS...    the score of rows that were printed
 
-A machine is kept, or refused. Where a refusal prints lines for the model or an option, they are
-applied as printed and the command runs again. The first named cause of a refusal is true if the
+A machine is kept, or refused. Where a refusal writes a model with the lines that it prints, or
+gives an option, the command runs again with them. The first named cause of a refusal is true if the
 same command then keeps the machine, or keeps it without that disturbance; CAUSES has the names.
 """
 
@@ -30,7 +30,6 @@ from typing import Any
 
 import drawn_machines
 from drawn_axes import Hidden
-from forceaxis import linear
 from forceaxis._core import InputError, SimulationError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
@@ -71,7 +70,7 @@ CAUSES = (
     Cause("dither", "", ("quiet",)),
     *(Cause(name, "the cause is not known", None) for name in FITTED),
     *(
-        Cause(name, f"the cause is {text}", disturbances)
+        Cause(name, f"(the cause|one of several causes) is {text}", disturbances)
         for name in FITTED
         for text, disturbances in (
             ("a (lag|latency) of", ("latency",)),
@@ -131,32 +130,6 @@ def option_of(refused: Row) -> dict[str, Any]:
             except ValueError:  # "--travel-mm MM" is a name, not a value
                 continue
     return found
-
-
-def with_lines(model: Path, lines: str) -> bool:
-    """Adds the first of the candidates of a refusal to the model, where its comment says. False if
-    they do not say it as a whole."""
-    first = re.split(r"(?m)^# 2\. ", lines)[0]
-    body = "\n".join(line for line in first.splitlines() if not line.startswith("#")).strip()
-    if not body:
-        return False
-    text = model.read_text()
-    if "[[adc]] of channel 0" in first:
-        changed = text.replace("channel = 0\n", f"channel = 0\n{body}\n", 1)
-    elif "in [parameters]" in first:
-        name = body.partition(" ")[0]
-        changed = re.sub(rf"(?m)^{name} = .*$", body, text, count=1)
-    elif body.startswith("["):
-        changed = f"{text}\n{body}\n"
-    else:
-        return False
-    model.write_text(changed)
-    try:
-        linear.facts(model)
-    except InputError:
-        model.write_text(text)
-        return False
-    return changed != text
 
 
 class Timed(tune.Tuning):
@@ -249,7 +222,9 @@ def _of_served(asked: argparse.Namespace, row: Row, served: Row, folder: Path) -
         row["refused"] = refused
         if refused:
             options = option_of(refused)
-            lines = bool(refused.get("lines")) and with_lines(model, refused["lines"])
+            lines = bool(refused.get("model"))
+            if lines:
+                shutil.copy(refused["model"], model)
             if options or lines:
                 order = dataclasses.replace(order, **options)
                 work, again = run(axis, order, out, cpu)

@@ -1,10 +1,8 @@
 """The study of `forceaxis tune` on hidden machines of all kinds: its score, and one machine of it.
 The whole study is a command: machine_study.py --seeds 0:20."""
 
-import drawn_axes
 import machine_study
 import pytest
-from forceaxis import linear
 
 # Of the machines as their data sheet says, one that takes few seconds.
 FAST = ("amplifier", 0)
@@ -34,21 +32,10 @@ def test_the_first_named_cause_counts():
     assert machine_study.cause_of(table) == ("table_friction",)
 
 
-def test_printed_options_and_lines_are_applied_as_printed(tmp_path):
+def test_printed_options_are_applied_as_printed():
     text = "give `travel_mm` 3.5, or `priors` m_axis=20+-30%; `band_hz` LOW:HIGH has no value"
     found = machine_study.option_of(refused("travel", text))
     assert found == {"travel_mm": 3.5, "priors": ("m_axis=20+-30%",)}
-    model = drawn_axes.written(tmp_path / "press", drawn_axes.PRESS) / "model.toml"
-    friction = '[[friction]]\nname = "rub"\nbetween = ["axis", "ground"]\ncoulomb = 3.0'
-    assert machine_study.with_lines(model, f"# 1. a\n{friction}\n# 2. b\n[[nothing]]\n")
-    assert "rub" in linear.facts(model).switches
-    lag = '# 1. a lag, then p = 1\n# in the [[adc]] of channel 0\nfilter = "900 rad/s"'
-    assert machine_study.with_lines(model, lag)
-    assert 'channel = 0\nfilter = "900 rad/s"' in model.read_text()
-    before = model.read_text()
-    assert not machine_study.with_lines(model, "# 1/s, the corner: 4")
-    assert not machine_study.with_lines(model, "[[friction]]\nname = 3")
-    assert model.read_text() == before
 
 
 def test_a_law_that_its_machine_does_not_bear_is_false():

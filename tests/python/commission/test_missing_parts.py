@@ -129,7 +129,9 @@ def test_the_evidence_decides_whether_a_cause_is_named():
     assert missing_parts.winner([lag, replace(latency, gain=31.0), frame]) is None
     assert missing_parts.winner([replace(lag, gain=9.0), replace(frame, gain=0.0)]) is None
     assert missing_parts.winner([replace(lag, gain=-1.0), replace(frame, gain=-20.0)]) is None
-    assert missing_parts.winner([replace(lag, p=1e-9), frame]) is None  # it does not explain them
+    part = [replace(lag, p=1e-9), frame]  # it does not explain the responses
+    assert missing_parts.winner(part) is None and missing_parts.leader(part) is part[0]
+    assert missing_parts.text_of(part).startswith("one of several causes is sensor_lag text: ")
     assert missing_parts.winner([lag, replace(lag, gain=39.0), frame]) is not None  # the same cause
     assert missing_parts.winner([]) is None
     text = missing_parts.text_of([lag, replace(latency, gain=31.0), frame])

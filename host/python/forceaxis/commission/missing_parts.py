@@ -53,6 +53,9 @@ REFINED_MIN, REFINED_SHARE = 4, 0.3
 # Highest frequency of a mode, divided by that of the responses. A body with a higher frequency is
 # rigid in them, so that it shows a wrong mass and no mode.
 MODE_BAND = 1.3
+# Largest damping ratio of a mode of frame or tool. With more damping it is no vibration, but stands
+# for something else, such as a latency.
+MODE_DAMPING_MAX = 0.4
 BED, TOOL = "bed", "tool_head"  # names of the bodies of a frame
 # {name of such a body: what changes in the model beside it}
 PLACES = {
@@ -124,7 +127,14 @@ class Tried:
 def winner(tried: Sequence[Tried]) -> Tried | None:
     """Returns the first candidate if it is the cause by evidence, otherwise None. `tried`: sorted
     from best to worst. Candidates with the same name are the same cause."""
-    first = tried[0] if tried and tried[0].gain > 0 and tried[0].explains else None
+    first = leader(tried)
+    return first if first and first.explains else None
+
+
+def leader(tried: Sequence[Tried]) -> Tried | None:
+    """Returns the first candidate if by evidence it is the cause or one of several causes,
+    otherwise None. `tried`: as for winner()."""
+    first = tried[0] if tried and tried[0].gain > 0 else None
     return first if first and lead(tried) >= EVIDENCE_MIN else None
 
 
@@ -144,14 +154,15 @@ def possible(tried: Sequence[Tried], name: str) -> bool:
 def text_of(tried: Sequence[Tried]) -> str:
     """Returns a text about the cause, or about the candidates that remain and the measurement that
     tells them apart."""
-    first = winner(tried)
+    first = leader(tried)
     if first:
+        is_one = "the cause is" if first.explains else "one of several causes is"
         where = f"give {first.option}" if first.option else "add it to the model"
         others = [one for one in tried if one.name != first.name]
         beside = f", that of {others[0].text}" if others else ""
         return (
-            f"the cause is {first.text}: its evidence exceeds that of the next candidate{beside} "
-            f"by {lead(tried):.0f} (BIC); {where}"
+            f"{is_one} {first.text}: its evidence exceeds that of the next candidate{beside} by "
+            f"{lead(tried):.0f} (BIC); {where}"
         )
     left: dict[str, Tried] = {}
     for one in tried:
@@ -545,6 +556,10 @@ def _frames(model: _Model) -> list[list[Candidate]]:
         def alone_hz(values: Values) -> float:
             return math.sqrt(values["k_mode"] / values["m_mode"]) / (2 * math.pi)
 
+        def is_mode(values: Values) -> bool:
+            ratio = values["b_mode"] / (2 * math.sqrt(values["k_mode"] * values["m_mode"]))
+            return alone_hz(values) < MODE_BAND * hz.max() and ratio < MODE_DAMPING_MAX
+
         def words(values: Values) -> str:
             alone = alone_hz(values)
             what = {BED: "of the machine bed", TOOL: "of the tool"}.get(name, f"at {end}")
@@ -559,7 +574,7 @@ def _frames(model: _Model) -> list[list[Candidate]]:
             words, elements, elements=elements,
             parameters={"m_mode": (mass, "kg"), "k_mode": (stiffness, "N/m"),
                         "b_mode": (0.0, "N s/m")},
-            is_shown=lambda values: alone_hz(values) < MODE_BAND * hz.max(),
+            is_shown=is_mode,
         )  # fmt: skip
 
     starts = np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()

@@ -15,13 +15,13 @@ class Refusal(Exception):
     """Exception: a step of the commissioning ended without a result.
 
     `name` is one word by which programs can recognise the reason. `text` is one line that states
-    the finding, the expectation and the remedy. `lines` is TOML text to add to the model; it may
-    be empty.
+    the finding, the expectation and the remedy. `lines` is TOML text to add to the model, and
+    `model` is the text of the model with these lines in their places; both may be empty.
     """
 
-    def __init__(self, name: str, text: str, lines: str = "") -> None:
+    def __init__(self, name: str, text: str, lines: str = "", model: str = "") -> None:
         super().__init__(f"{name}: {text}")
-        self.name, self.text, self.lines = name, text, lines
+        self.name, self.text, self.lines, self.model = name, text, lines, model
 
 
 def of_link(axis: Axis, error: Exception) -> Refusal:

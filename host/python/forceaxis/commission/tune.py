@@ -31,7 +31,6 @@ from forceaxis.commission import (
     known,
     machine_bounds,
     margins,
-    missing_parts,
     tune_fit,
     tune_measure,
     unexplained,
@@ -42,6 +41,7 @@ from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL, Refusal, o
 from forceaxis.commission.tune_folder import (
     BEFORE,
     MEASURED,
+    PROPOSED_MODEL,
     TUNE,
     StepFile,
     TuningFolder,
@@ -441,10 +441,9 @@ def _designed(
             f"with the part that the model lacks, Ms is {max(peaks.values()):.3g}; the law is "
             f"designed again, for Ms {ms:.3g}"
         )
-    cause = missing_parts.winner(tune_fit.TRIED.required(tuning.folder))
     raise Refusal(
         "chi2", f"{fitted.why_not}; no force law bears the part that the model lacks",
-        cause.toml if cause else "",
+        *tune_fit.proposed(tuning, tune_fit.TRIED.required(tuning.folder), fitted.lines),
     )  # fmt: skip
 
 
@@ -904,13 +903,21 @@ class Tuning(TuningFolder):
                     self._do(STEP_TABLE[self.step], bool(only))
         except (Refusal, Refused, NoAnswer) as error:
             refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
-            lines = refusal.lines or None
-            self.refused = StepRefusal(self.step, refusal.name, refusal.text, lines)
-            if lines:
-                for line in ("to be added to the model:", *lines.splitlines()):
-                    self.say(line)
-            raise refusal from None
+            raise self._told(refusal) from None
         return self.summary()
+
+    def _told(self, refusal: Refusal) -> Refusal:
+        """Shows what a refusal adds to the model, and writes the model with it."""
+        lines, path = refusal.lines or None, self.folder / PROPOSED_MODEL
+        if refusal.model:
+            path.write_text(refusal.model, encoding="utf-8")
+        model = str(path) if refusal.model else None
+        self.refused = StepRefusal(self.step, refusal.name, refusal.text, lines, model)
+        if lines:
+            where = f"; {model} has it" if model else ""
+            for line in (f"to be added to the model{where}:", *lines.splitlines()):
+                self.say(line)
+        return refusal
 
     def _do(self, step: AnyStep, again: bool) -> None:
         index = STEPS.index(step.name)

@@ -23,7 +23,7 @@ from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_folder import (
-    COMPLETED_MODEL,
+    COMPLETED_MODELS,
     FITTED_MODEL,
     LEVELS,
     RESPONSES_MODEL,
@@ -89,6 +89,7 @@ NUMBER_CHANGE_MAX = 1.6
 CREEP_MIN_S = 0.15
 # Least compliance of a workpiece that relaxes, divided by that of the axis.
 RELAXING_COMPLIANCE_MIN = 0.05
+CAUSES_MAX = 3  # largest number of causes that are added to a model one after another
 EXPLAINED = ("chi2", "prior")  # rejections of a fit for which causes are searched
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -108,23 +109,28 @@ class _Attempt:
 
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
     """Fits the parameters of the model to all responses and to their prior values."""
-    for name in (FITTED_MODEL, COMPLETED_MODEL):
-        (tuning.folder / name).unlink(missing_ok=True)
+    for path in (tuning.folder / FITTED_MODEL, *_completed(tuning)):
+        path.unlink(missing_ok=True)
     moving_N = tune_measure.moving_N(tuning, free)
     tuning, lacks = _with_creep(tuning, measured)
     done = _attempt(tuning, free, measured, moving_N, SLIDING_SPREAD)
     tried = list[missing_parts.Tried]()
-    if done.found.rejected in EXPLAINED:
+    for causes in range(CAUSES_MAX + 1):
+        if done.found.rejected not in EXPLAINED:
+            break
         tried = _tried(tuning, done, free, measured)
+        if causes == CAUSES_MAX:
+            break
         with_cause = _with_cause(tuning, done, tried, free, measured)
-        if with_cause:
-            done, tuning, more = with_cause
-            lacks = "\n\n".join(filter(None, (lacks, more)))
+        if with_cause is None:
+            break
+        done, tuning, more = with_cause
+        lacks = "\n\n".join(filter(None, (lacks, more)))
     found, frictions, why_not = done.found, done.frictions, ""
     if found.rejected in EXPLAINED and _is_linear(tuning, done, measured):
-        found, why_not = _with_model_error(tuning, found, tried)
+        found, why_not = _with_model_error(tuning, found, tried, lacks)
     if found.rejected:
-        raise Refusal(found.rejected, *_explained(found, tried))
+        raise _explained(tuning, found, tried, lacks)
     # A fit that was accepted always has plants and intervals.
     assert found.plants is not None and found.intervals is not None
     for name in found.far:
@@ -163,25 +169,35 @@ def _with_creep(tuning: TuningFolder, measured: MeasuredResponses) -> tuple[Tuni
     if not lines:
         return tuning, ""
     tuning.say("the workpiece relaxes, the model does not; the tuning continues with it")
-    path = tuning.folder / COMPLETED_MODEL
+    return tuning.with_part(_with_lines(tuning, lines), ()), lines
+
+
+def _completed(tuning: TuningFolder) -> list[Path]:
+    """Returns the paths of the models with added parts that the fit has written so far."""
+    return sorted(tuning.folder.glob(COMPLETED_MODELS.format("*")))
+
+
+def _with_lines(tuning: TuningFolder, lines: str) -> Path:
+    """Writes the model with the TOML text of a further part, and returns its path."""
+    path = tuning.folder / COMPLETED_MODELS.format(len(_completed(tuning)) + 1)
     path.write_text(missing_parts.with_lines(tuning.given, lines), encoding="utf-8")
-    return tuning.with_part(path, ()), lines
+    return path
 
 
 def _with_cause(
     tuning: TuningFolder, done: _Attempt, tried: list[missing_parts.Tried], free: FreeResponse,
     measured: MeasuredResponses,
 ) -> tuple[_Attempt, TuningFolder, str] | None:  # fmt: skip
-    """Fits again with the cause of a rejection, as the user would add it to the model or to the
-    command. Friction that the motion out of contact does not show is tried first, where it is
-    possible. Returns None if no candidate is the cause by evidence, or if it is not linear, or if
-    the fit is still rejected. Returns three values: the fit, the tuning with the completed model,
-    and the TOML text that the model lacks."""
+    """Fits again with the cause of a rejection, or with one of several causes, as the user would
+    add it to the model or to the command. Friction that the motion out of contact does not show is
+    tried first, where it is possible. Returns None if no candidate is a cause by evidence, or if it
+    is not linear, or if the fit with it is hardly better. Returns three values: the fit, the tuning
+    with the completed model, and the TOML text that the model lacks."""
     if missing_parts.possible(tried, "guide_friction"):
         rubs = _with_hidden_friction(tuning, free, measured)
         if rubs:
             return rubs, tuning, ""
-    cause = missing_parts.winner(tried)
+    cause = missing_parts.leader(tried)
     if cause is None or _is_given(tuning, cause):
         return None
     completed, lines = tuning, cause.toml
@@ -192,14 +208,12 @@ def _with_cause(
     elif not cause.linear or _far_from_model(tuning, cause):
         return None
     else:
-        path = tuning.given
-        if lines:
-            path = tuning.folder / COMPLETED_MODEL
-            path.write_text(missing_parts.with_lines(tuning.given, cause.toml), encoding="utf-8")
+        path = _with_lines(tuning, lines) if lines else tuning.given
         completed = tuning.with_part(path, cause.priors)
         moving_N = tune_measure.moving_N(completed, free)
         again = _attempt(completed, free, measured, moving_N, SLIDING_SPREAD)
-    if again.found.rejected:
+    better = done.found.chi2 - again.found.chi2 > missing_parts.EVIDENCE_MIN
+    if again.found.rejected and not better:
         return None
     tuning.say(f"{missing_parts.text_of(tried)}; the tuning continues with it")
     return again, completed, lines
@@ -334,43 +348,65 @@ def _tried(
     return tried
 
 
-def _explained(found: joint_fit.JointFit, tried: list[missing_parts.Tried]) -> tuple[str, str]:
-    """Returns two texts: reason for the rejection of a fit with its cause, and TOML text of the
-    cause."""
+def _explained(
+    tuning: TuningFolder, found: joint_fit.JointFit, tried: list[missing_parts.Tried], lacks: str
+) -> Refusal:
+    """Returns the reason for the rejection of a fit with its cause. `lacks`: TOML text of parts
+    that were added to the model before."""
     if found.rejected not in EXPLAINED:
-        return found.text, ""
-    cause = missing_parts.winner(tried)
+        return Refusal(str(found.rejected), found.text, *proposed(tuning, [], lacks))
+    cause = missing_parts.leader(tried)
     remedy = f"; {found.remedy}" if found.remedy and not cause else ""
     text = f"{found.text}; {missing_parts.text_of(tried)}{remedy}"
-    return text, cause.toml if cause else ""
+    return Refusal(str(found.rejected), text, *proposed(tuning, tried, lacks))
+
+
+def proposed(tuning: TuningFolder, tried: list[missing_parts.Tried], lacks: str) -> tuple[str, str]:
+    """Returns the TOML text of all parts that the model lacks by evidence, and the text of the
+    model with these parts. `lacks`: TOML text of those parts that `tuning.given` has already.
+    Both are "" if nothing is missing. The second is also "" if the user has to decide where a part
+    belongs."""
+    cause = missing_parts.leader(tried)
+    more = cause.toml if cause else ""
+    if cause and more and not cause.linear:
+        return "\n\n".join(filter(None, (lacks, more))), ""
+    if not lacks and not more:
+        return "", ""
+    whole = missing_parts.with_lines(tuning.given, more) if more else ""
+    return (
+        "\n\n".join(filter(None, (lacks, more))),
+        whole or tuning.given.read_text(encoding="utf-8"),
+    )
 
 
 def _is_linear(tuning: TuningFolder, done: _Attempt, measured: MeasuredResponses) -> bool:
-    """Returns True if the responses do not depend on the amplitude. Only then do they show what the
-    axis does at every amplitude. Backlash and dry friction do not permit this."""
+    """Returns True if the responses do not depend on the amplitude, apart from dry friction, which
+    has a damper of its own for each of them. Only then do they show what the axis does at every
+    amplitude."""
     smaller = not set(done.names) <= set(_every(tuning))
-    distorted = any(
+    distorted = not done.frictions and any(
         (one.distorted or 0.0) > analyzer.FORCE.distortion_max for one in measured.levels.values()
     )
-    return not (done.frictions or smaller or distorted or known.play_counts(tuning.given))
+    return not (smaller or distorted or known.play_counts(tuning.given))
 
 
 def _with_model_error(
-    tuning: TuningFolder, rejected: joint_fit.JointFit, tried: list[missing_parts.Tried]
-) -> tuple[joint_fit.JointFit, str]:
+    tuning: TuningFolder, rejected: joint_fit.JointFit, tried: list[missing_parts.Tried],
+    lacks: str,
+) -> tuple[joint_fit.JointFit, str]:  # fmt: skip
     """Returns the fit with a model error that explains the responses, and a text about what the
     model may lack. Raises Refusal if the fit contradicts a prior that the user gave, or if the
     response near the limiting mode is not known."""
-    text, lines = _explained(rejected, tried)
-    cause = missing_parts.winner(tried)
+    why = _explained(tuning, rejected, tried, lacks)
+    cause = missing_parts.leader(tried)
     given = rejected.rejected == "prior" and not rejected.surmised
     if rejected.rejected and (given or (cause and _is_given(tuning, cause))):
-        raise Refusal(rejected.rejected, text, lines)
+        raise why
     found = joint_fit.with_model_error(rejected, tuning.order.over)
     if found.rejected:
-        raise Refusal(found.rejected, found.text, lines)
-    tuning.say(f"{text}; the tuning continues with what the responses show beside the model")
-    return found, text
+        raise Refusal(found.rejected, found.text, why.lines, why.model)
+    tuning.say(f"{why.text}; the tuning continues with what the responses show beside the model")
+    return found, why.text
 
 
 def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
@@ -387,7 +423,7 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions, lacks: str) -> str:
         for line in lacks.splitlines():
             tuning.say(line)
     if not frictions:
-        if tuning.given.name == COMPLETED_MODEL:
+        if tuning.given in _completed(tuning):
             (tuning.folder / FITTED_MODEL).write_bytes(tuning.given.read_bytes())
         return lacks
     text = friction_models.with_friction(tuning.given, frictions)
@@ -602,7 +638,15 @@ def _with_tolerances(
                 f"{name} from {low[name]:.4g} to {high[name]:.4g} N s/m, the fitted value is "
                 f"{values[name]:.4g}: the responses do not distinguish damping from dry friction"
             )
-    _, mass = workpiece_names(tuning.given)
+    stiffness, mass = workpiece_names(tuning.given)
+    softest, stiffest = measured.between.bends
+    if stiffness in ranges and stiffest > 1:
+        value, least, most = ranges[stiffness]
+        ranges[stiffness] = value, least, most = value, least / stiffest, most / softest
+        lines.append(
+            f"{stiffness} from {least:.4g} to {most:.4g} N/m: while the force changed slowly, the "
+            f"workpiece was {stiffest:.2g} times as soft at one force as in the mean"
+        )
     on_table = _under_workpiece(tuning, frictions)
     unseen = any(one.newton > 0 for one in on_table) and not _determine_mass(measured.shaken)
     if unseen and mass in ranges and mass not in _given_priors(tuning):

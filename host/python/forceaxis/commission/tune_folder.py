@@ -27,7 +27,9 @@ from forceaxis.identify.fit import read_response
 R = TypeVar("R")
 
 # names of model files in the folder
-RESPONSES_MODEL, COMPLETED_MODEL, FITTED_MODEL = "responses.toml", "completed.toml", "model.toml"
+RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"
+PROPOSED_MODEL = "proposed.toml"  # the model with the lines of a refusal
+COMPLETED_MODELS = "completed-{}.toml"  # models with one, two and more added parts
 TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
 NEW_FOLDER = "delete the folder or give another one"
 
