@@ -6,14 +6,14 @@ this module lower the gain until the exact figures of the worst members keep the
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from forceaxis.design.grid import POLE_ROUNDING_PER_S, Bounds, Goal, Grid, Response
-from forceaxis.linear import over
+from forceaxis.linear import over, precise
 from forceaxis.linear.bank import GAIN_MAX, GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
@@ -26,6 +26,7 @@ FIRST_GAIN_FACTOR = 0.995
 # The search for the largest gain ends when the ratio of a kept gain to a failed gain is this large.
 GAIN_NEAR = 0.98
 Accuracy = Literal["exact", "quick", "mean age"]
+Searches = dict[str, over.WorstSearch]  # {delay of the loop: search for the worst plants}
 # largest relative error of quickly computed bandwidths and margins, with a reserve
 QUICK_ERROR = 1e-6
 REACHED_SHARE = 0.97  # a sentence names a bound as reached above this share of the bound
@@ -153,20 +154,22 @@ def exact(
     of `bank`. `least_Hz`: bandwidth fS in Hz that the law must exceed. The result is that of no
     gain as soon as a gain that is too large has no more bandwidth: smaller gains have less."""
     bank = lowered(bank, first)
-    kept: tuple[Bank, WorstFigures] | None = None
+    kept: tuple[Bank, Searches] | None = None
     failed = math.inf  # smallest gain that does not keep the bounds
+    margins = ["Ms", "gain_margin"] + ["phase_margin_deg"] * bool(goal.phase_margin_deg)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        found = _worst_of(responses, bank, goal, accuracy)
+        searches = _searches(responses, bank)
+        found = _worst_of(searches, goal, accuracy, margins)
         factor = min(_factor(w, goal, t, accuracy != "exact") for t, w in found.items())
         if factor >= 1:
-            kept = bank, _figures(found, grid, bank)
+            kept = bank, searches
             if bank.force_gain >= GAIN_NEAR * failed or failed == math.inf:
                 break
         else:
             failed = bank.force_gain
-            if not kept and _is_slower(found.values(), least_Hz):
+            if not kept and least_Hz and _is_slower(searches.values(), accuracy, least_Hz):
                 break
         if kept:
             # The last step may have lowered the gain too far, so a larger gain is tried.
@@ -177,33 +180,41 @@ def exact(
         else:
             # Each attempt lowers the gain by a larger factor, because some peaks decrease slowly.
             bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
-    return kept or (replace(bank, force_gain=0.0), None)
+    if not kept:
+        return replace(bank, force_gain=0.0), None
+    bank, searches = kept
+    return bank, _figures(_worst_of(searches, goal, accuracy), grid, bank)
 
 
-def _is_slower(found: Iterable[over.Worst], least_Hz: float) -> bool:
+def _is_slower(searches: Iterable[over.WorstSearch], accuracy: Accuracy, least_Hz: float) -> bool:
     """Returns True if all loops are stable, and fS of one of them does not exceed `least_Hz`."""
-    every = list(found)
+    every = [_quick(search, accuracy, ("fS_Hz",)) for search in searches]
     if not all(worst.stable for worst in every):
         return False
     return min(math.inf if w.fS_Hz is None else w.fS_Hz for w in every) <= least_Hz
 
 
 def _worst_of(
-    responses: Responses, bank: Bank, goal: Goal, accuracy: Accuracy
+    searches: Searches,
+    goal: Goal,
+    accuracy: Accuracy,
+    names: Collection[str] = tuple(precise.FIGURES),
 ) -> dict[str, over.Worst]:
     """Returns the worst bandwidth and margins for each delay of the loop. Quickly computed values
-    are returned if they do not keep the bounds. Exact values would not keep the bounds either."""
-    searches = _searches(responses, bank)
-    if accuracy == "mean age":
-        return {t: search.mean_age() for t, search in searches.items()}
-    if accuracy == "quick" or responses.is_exact:
-        found = {t: search.quick() for t, search in searches.items()}
-        if accuracy == "quick" or min(_factor(w, goal, t) for t, w in found.items()) < 1:
+    are returned if they do not keep the bounds. Exact values would not keep the bounds either.
+    `names`: as in WorstSearch.exact()."""
+    if accuracy != "exact" or all(search.has_quick for search in searches.values()):
+        found = {t: _quick(search, accuracy, names) for t, search in searches.items()}
+        if accuracy != "exact" or min(_factor(w, goal, t) for t, w in found.items()) < 1:
             return found
-    return {t: search.exact() for t, search in searches.items()}
+    return {t: search.exact(names) for t, search in searches.items()}
 
 
-def _searches(responses: Responses, bank: Bank) -> dict[str, over.WorstSearch]:
+def _quick(search: over.WorstSearch, accuracy: Accuracy, names: Collection[str]) -> over.Worst:
+    return search.mean_age() if accuracy == "mean age" else search.quick(names)
+
+
+def _searches(responses: Responses, bank: Bank) -> Searches:
     spec = LoopSpec("bank", bank=bank)
     return {t: over.WorstSearch(responses, (t,), spec) for t in responses.timings}
 

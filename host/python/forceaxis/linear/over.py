@@ -11,7 +11,7 @@ is missed between the points of a grid.
 import itertools
 import math
 import operator
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -151,38 +151,53 @@ class _Response:
         return float((slope[0] / value[0]).real)
 
 
-def figures(loop: Loop, gain: float) -> Figures:
-    """Returns the bandwidths and margins of a force loop at a gain k in V/N."""
+def figures(loop: Loop, gain: float, names: Collection[str] = tuple(FIGURES)) -> Figures:
+    """Returns the bandwidths and margins of a force loop at a gain k in V/N. `names`: those of
+    FIGURES that are needed. The others may be None, because each takes its own time."""
     if not loop.stable(gain):
         return Figures(False)
+    margins = loop.margins(gain) if "phase_margin_deg" in names else loop.gain_margins(gain)
     if isinstance(loop, FreeLoop):
-        worst = _worst_figures([figures(phase, gain) for phase in loop.each])
-        return replace(worst, gain_margin=loop.least_margin(gain, worst.gain_margin))
+        own = [name for name in names if name not in ("gain_margin", "phase_margin_deg")]
+        found = _worst_figures([_of_one_phase(phase, gain, own) for phase in loop.each])
+    else:
+        found = _of_one_phase(loop, gain, names)
+    return replace(
+        found, gain_margin=margins.gain_margin, phase_margin_deg=margins.phase_margin_deg,
+        known_to=margins.known_to,
+    )  # fmt: skip
+
+
+def _of_one_phase(loop: Loop, gain: float, names: Collection[str]) -> Figures:
+    """Returns the bandwidths and Ms of a stable force loop at a gain k in V/N, for one phase of the
+    samples. `names`: as in figures()."""
+    has_bandwidths = not {"fS_Hz", "fT_Hz"}.isdisjoint(names)
+    Ms = fS = None
+    if isinstance(loop, PeriodicLoop):
+        fS = loop.bandwidth(gain, HALF_POWER) if has_bandwidths else None
+        Ms = loop.peak(gain) if "Ms" in names else None
+    elif has_bandwidths or "Ms" in names:
+        S = _Response(loop.sensitivity(gain))
+        if has_bandwidths:
+            rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
+            fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
+        Ms = S.peak() if "Ms" in names else None
+    if not has_bandwidths:
+        return Figures(True, Ms=Ms)
     T = _Response(loop.closed(gain))
     falls = [loop.hz(w) for w, up in T.crossings(HALF_POWER) if not up]
-    if isinstance(loop, PeriodicLoop):
-        fS, Ms = loop.bandwidth(gain, HALF_POWER), loop.peak(gain)
-    else:
-        S = _Response(loop.sensitivity(gain))
-        rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
-        fS, Ms = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None), S.peak()
     fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
     sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
-    margins = loop.margins(gain)
-    own = margins.gain_margin, margins.phase_margin_deg
-    return Figures(True, fS, fT, Ms, *own, sag, margins.known_to)
+    return Figures(True, fS, fT, Ms, sag=sag)
 
 
 def _worst_figures(found: Sequence[Figures]) -> Figures:
-    """Returns the worst value of each bandwidth and margin among several loops."""
-    if not all(one.stable for one in found):
-        return Figures(False)
+    """Returns the worst value of each bandwidth and of Ms among several stable loops."""
     worst = {
         name: getattr(max(found, key=operator.methodcaller("badness", name)), name)
-        for name in FIGURES
+        for name in ("fS_Hz", "fT_Hz", "Ms")
     }
-    known = [one.known_to for one in found if one.known_to is not None]
-    return Figures(True, **worst, sag=any(o.sag for o in found), known_to=min(known, default=None))
+    return Figures(True, **worst, sag=any(one.sag for one in found))
 
 
 @dataclass(frozen=True)
@@ -339,31 +354,34 @@ class WorstSearch:
         self._plants, self._timings = responses.plants, timings
         own = spec.bank.force_gain if spec.bank and force_gain is None else force_gain
 
-        def exact(member: Member, timing: str) -> Figures:
-            loop = responses.loop(member, timing, spec)
-            return figures(loop, gain_at(loop, gain, own))
+        def by_loop(names: Collection[str]) -> Analyse[Figures]:
+            def exact(member: Member, timing: str) -> Figures:
+                loop = responses.loop(member, timing, spec)
+                return figures(loop, gain_at(loop, gain, own), names)
 
-        self._by_loop = _by_loop(exact)
+            return _by_loop(exact)
+
+        self.has_quick = responses.is_exact  # quick() takes less time than exact()
+        self._by_loop = by_loop
         loops = PreciseLoops.of(responses, timings, spec, gain, force_gain)
-        self._group = _Set(
-            self._plants, timings, _fast(loops, self._by_loop) if loops else self._by_loop
-        )
+        every = by_loop(tuple(FIGURES))
+        self._group = _Set(self._plants, timings, _fast(loops, every) if loops else every)
         self._found = _worst_of_each(self._group)
         self._is_exact = loops is None or self._found is None
         self._loops = loops
 
-    def quick(self) -> Worst:
+    def quick(self, names: Collection[str] = tuple(FIGURES)) -> Worst:
         """Returns the worst bandwidth and margins. For a loop with one code in the period after
         which its ticks repeat, their relative error is about 1e-8. For a loop with several codes in
-        this period, they are those of exact()."""
+        this period, they are those of exact(). `names`: as in exact()."""
         if self._loops is None or self._found is None:
             return _worst(self._group, self._group)
         if not self._loops.responses.is_exact:
-            return self.exact()
+            return self.exact(names)
         if not self._loops.responses.is_free:
             return _worst(self._group, self._group)
         whole = replace(self._loops, responses=self._loops.responses.in_all_phases)
-        return self._again(_fast(whole, self._by_loop))
+        return self._again(_fast(whole, self._by_loop(names)))
 
     def mean_age(self) -> Worst:
         """Returns the worst bandwidth and margins with the mean age of the readings, for a loop
@@ -373,12 +391,13 @@ class WorstSearch:
             return self.quick()
         return _worst(self._group, self._group)
 
-    def exact(self) -> Worst:
+    def exact(self, names: Collection[str] = tuple(FIGURES)) -> Worst:
         """Returns the worst bandwidth and margins. The values of the worst loops and of the loops
-        around nominal plants are computed as eigenvalue problems."""
+        around nominal plants are computed as eigenvalue problems. `names`: those of FIGURES that
+        are needed. The others may be None, because each takes its own time."""
         if self._is_exact:
             return _worst(self._group, self._group)
-        return self._again(self._by_loop)
+        return self._again(self._by_loop(names))
 
     def _again(self, analyse: Analyse[Figures]) -> Worst:
         """Returns the worst bandwidth and margins after the function `analyse` has analysed the

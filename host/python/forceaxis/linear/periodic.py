@@ -21,7 +21,7 @@ from scipy import linalg, optimize
 
 from forceaxis import _core
 from forceaxis.linear.boundary import minimal
-from forceaxis.linear.equations import Matrix
+from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.stability import (
     GAIN_STEP_FACTOR,
     SLOWEST_POLE_RAD_PER_S,
@@ -35,6 +35,7 @@ from forceaxis.linear.system import System
 # Step of the phase in degrees in the search for a phase margin.
 # The search does not detect two changes between stable and unstable within one step.
 TURN_STEP_DEG = 3.0
+TURNS_AT_ONCE = 8  # number of phases that this search evaluates together
 GAIN_SPAN = 1e4  # largest gain factor in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
 LOWEST_SHARE = 1e-6  # ratio of the lowest frequency to the highest frequency of a grid
@@ -42,6 +43,9 @@ STABLE_BELOW = 1 - 1e-11  # largest magnitude of the poles of a loop that counts
 # The maximum of |S| is known to LEVEL_SHARE of its value. Eigenvalues whose real part is below
 # ON_AXIS_SHARE of their magnitude count as frequencies at which |S| equals a level.
 LEVEL_SHARE, ON_AXIS_SHARE, LEVELS_MAX = 1e-8, 1e-3, 30
+# A combination of codes counts as a direction of its own if no other directions describe it up to
+# this share of its size.
+DIRECTION_SHARE_MIN = 1e-13
 PHASES = 3  # number of phases for each order of samples and ticks; see Samples.phases()
 # A lower gain limit at other phases is searched only if it can be lower by more than this ratio.
 # For each order of samples and ticks, the search uses at most PARABOLAS_MAX parabolas.
@@ -51,6 +55,10 @@ PHASE_SHARE, PARABOLAS_MAX = 1e-5, 4
 def _turned(gain: float, degrees: float) -> complex:
     """Returns a complex gain with the magnitude `gain` that delays a sinusoid by `degrees`."""
     return cmath.rect(gain, -math.radians(degrees))
+
+
+def _size_deg(margins: Margins) -> float:
+    return math.inf if margins.phase_margin_deg is None else abs(margins.phase_margin_deg)
 
 
 def _stable_to(limit: Limit) -> float:
@@ -77,23 +85,56 @@ class PeriodicLoop(Loop):
     the loop as a System. It has one input for each code, and one output for each output of the law
     that becomes a code. Its last output is the controlled signal."""
 
+    @property
+    def codes(self) -> int:
+        """Number of codes in a period."""
+        return int(self.whole.B.shape[1])
+
+    @cached_property
+    def directions(self) -> Matrix:
+        """Orthonormal columns, in the shape (codes, directions). All outputs of the law are
+        combinations of these columns, and a combination of codes at right angles to them does not
+        act on the loop. The sensor has few samples in a period, so there are fewer directions than
+        codes."""
+        assert self.entry is not None
+        B, C, D = self.whole.B, self.whole.C[: self.codes], self.whole.D[: self.codes]
+        found = np.hstack([C, D, B.T, D.T, self.entry[1]]).astype(float)
+        sizes = np.linalg.norm(found, axis=0)
+        Q, R, _ = linalg.qr(found[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True)
+        directions: Matrix = Q[:, np.abs(np.diag(R)) > DIRECTION_SHARE_MIN]
+        return directions
+
+    @cached_property
+    def _few(self) -> System:
+        """The loop `whole` with directions in the place of codes."""
+        whole, codes, W = self.whole, self.codes, self.directions
+        names = tuple(f"direction {i}" for i in range(W.shape[1]))
+        return replace(
+            whole,
+            B=whole.B @ W,
+            C=np.vstack([W.T @ whole.C[:codes], whole.C[codes:]]),
+            D=np.vstack([W.T @ whole.D[:codes], whole.D[codes:]]) @ W,
+            inputs=names,
+            outputs=(*names, *whole.outputs[codes:]),
+        )
+
     def closed(self, gain: float) -> System:
         """Returns the closed loop; see Loop.closed(). The set-point is constant over a period of
         the ticks."""
-        whole, codes = self.whole, self.whole.B.shape[1]
-        B, C, D = whole.B, whole.C[:codes], whole.D[:codes]
+        few, count = self._few, self.directions.shape[1]
+        B, C, D = few.B, few.C[:count], few.D[:count]
         assert self.entry is not None
-        share = gain * np.linalg.inv((np.eye(codes) + gain * D).astype(float))
-        enters = self.entry[0] - B @ share @ self.entry[1]
-        last, direct = whole.C[codes:], whole.D[codes:]
+        share = gain * np.linalg.inv((np.eye(count) + gain * D).astype(float))
+        entry = self.directions.T @ self.entry[1]
+        last, direct = few.C[count:], few.D[count:]
         return replace(
-            whole,
-            A=whole.A - B @ share @ C,
-            B=enters,
+            few,
+            A=few.A - B @ share @ C,
+            B=self.entry[0] - B @ share @ entry,
             C=last - direct @ share @ C,
-            D=-direct @ share @ self.entry[1],
+            D=-direct @ share @ entry,
             inputs=("set-point",),
-            outputs=whole.outputs[codes:],
+            outputs=few.outputs[count:],
         )
 
     @cached_property
@@ -102,22 +143,36 @@ class PeriodicLoop(Loop):
         in a period."""
         raise _core.InputError(
             f"{self.model}: adc.sample_rate: expected a loop with one DAC code in each sampling "
-            f"period of the ADC, got {self.whole.B.shape[1]} DAC codes, with which only the "
+            f"period of the ADC, got {self.codes} DAC codes, with which only the "
             "critical gain can be computed; remove the keys sample_rate and sample_phase for this "
             "computation"
         )
 
     @cached_property
     def _minimal(self) -> System:
-        codes = self.whole.B.shape[1]
-        return minimal(replace(self.whole, C=self.whole.C[:codes], D=self.whole.D[:codes]))
+        few, count = self._few, self.directions.shape[1]
+        names = few.outputs[:count]
+        return minimal(replace(few, C=few.C[:count], D=few.D[:count], outputs=names))
+
+    @cached_property
+    def _rounded(self) -> StateSpace:
+        """The matrices (A, B, C, D) of _minimal in double precision."""
+        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
+        return A, B, C, D
+
+    def _poles_at(self, gains: ArrayLike) -> Matrix:
+        """Returns the closed-loop poles at each of some gains, which may be complex, in the shape
+        (gains, poles). Double precision is used here, which is faster than in
+        Loop.closed_poles()."""
+        A, B, C, D = self._rounded
+        k = np.asarray(gains)[:, None, None]
+        poles: Matrix = np.linalg.eigvals(A - k * B @ np.linalg.solve(np.eye(len(D)) + k * D, C))
+        return poles
 
     def _outermost(self, gain: complex) -> complex:
         """Returns the closed-loop pole with the largest magnitude at the gain `gain`, which may be
         complex."""
-        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
-        closed = A - gain * B @ np.linalg.solve(np.eye(len(D)) + gain * D, C)
-        poles = np.linalg.eigvals(closed)
+        poles = self._poles_at([gain])[0]
         return complex(poles[np.argmax(np.abs(poles))]) if len(poles) else 0j
 
     def _hz_at(self, gain: complex) -> float:
@@ -159,33 +214,41 @@ class PeriodicLoop(Loop):
         result: Matrix = A - gain * B @ _core.solve(np.eye(len(D)) + gain * D, C)
         return result
 
-    def _growths(self, gains: Matrix) -> Matrix:
+    def _growths(self, gains: ArrayLike) -> Matrix:
         """Returns, for each gain, how far the outermost closed-loop pole is outside of the
-        stability boundary. Double precision is used here, which is faster than in
-        Loop._growths()."""
-        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
-        k = np.asarray(gains, float)[:, None, None]
-        poles = np.linalg.eigvals(A - k * B @ np.linalg.solve(np.eye(len(D)) + k * D, C))
-        found: Matrix = np.abs(poles).max(axis=1, initial=0.0) - 1
+        stability boundary."""
+        found: Matrix = np.abs(self._poles_at(gains)).max(axis=1, initial=0.0) - 1
         return found
 
     @cached_property
     def _limit(self) -> Limit:
         return self._of_poles()
 
-    def margins(self, gain: float) -> Margins:
-        """Returns the gain margins and phase margins; see Loop.margins()."""
-        above = self._toward(gain, GAIN_STEP_FACTOR)
-        below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
-        turn = self._phase_margin(gain)
-        crossover = None if turn is None else self._hz_at(_turned(gain, turn))
+    def gain_margins(self, gain: float) -> Margins:
+        """Returns the gain margins; see Loop.gain_margins()."""
+        limit = self.limit()
+        above, below, known_to = limit.gain, None, limit.stable_to
+        if known_to is None or gain >= known_to:
+            above = self._toward(gain, GAIN_STEP_FACTOR)
+            below = self._toward(gain, 1 / GAIN_STEP_FACTOR)
+            known_to = GAIN_SPAN * gain
         return Margins(
             gain_margin=above and above / gain,
             gain_reduction=below and below / gain,
+            known_to=None if above else known_to / gain,
+        )
+
+    def margins(self, gain: float) -> Margins:
+        """Returns the gain margins and phase margins; see Loop.margins()."""
+        turn = self._phase_margin(gain)
+        if turn is None:
+            return self.gain_margins(gain)
+        crossover = self._hz_at(_turned(gain, turn))
+        return replace(
+            self.gain_margins(gain),
             phase_margin_deg=turn,
             crossover_hz=crossover,
-            crossovers=[] if crossover is None or turn is None else [Crossover(crossover, turn)],
-            known_to=None if above else GAIN_SPAN,
+            crossovers=[Crossover(crossover, turn)],
         )
 
     def _toward(self, gain: float, factor: float) -> float | None:
@@ -200,9 +263,13 @@ class PeriodicLoop(Loop):
 
     def _phase_margin(self, gain: float) -> float | None:
         """Returns the phase margin in degrees."""
-        for degrees in np.arange(0.0, 180.0, TURN_STEP_DEG):
-            if self._radius(_turned(gain, degrees + TURN_STEP_DEG)) >= 1:
-                return self._edge(partial(_turned, gain), degrees, degrees + TURN_STEP_DEG)
+        turn, steps = partial(_turned, gain), np.arange(TURN_STEP_DEG, 180.1, TURN_STEP_DEG)
+        for first in range(0, len(steps), TURNS_AT_ONCE):
+            some = steps[first : first + TURNS_AT_ONCE]
+            unstable = np.flatnonzero(self._growths([turn(degrees) for degrees in some]) >= 0)
+            if len(unstable):
+                degrees = float(some[unstable[0]])
+                return self._edge(turn, degrees - TURN_STEP_DEG, degrees)
         return None
 
     @cached_property
@@ -221,9 +288,9 @@ class PeriodicLoop(Loop):
 
     def _lifted(self, hz: ArrayLike) -> Matrix:
         """Returns the loop gain divided by k at frequencies in Hz, in the shape (frequencies,
-        codes, codes)."""
+        directions, directions)."""
         assert self.dt is not None
-        A, B, C, D = (getattr(self._minimal, name).astype(complex) for name in "ABCD")
+        A, B, C, D = self._rounded
         z = np.exp(2j * math.pi * np.atleast_1d(np.asarray(hz, float)) * self.dt)
         states = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, B)
         result: Matrix = C @ states + D
@@ -231,8 +298,7 @@ class PeriodicLoop(Loop):
 
     def _sensitivity(self, gain: float) -> "_Sensitivity":
         assert self.dt is not None
-        A, B, C, D = (getattr(self._minimal, name).astype(float) for name in "ABCD")
-        return _Sensitivity(A, B, C, D, gain, self.dt)
+        return _Sensitivity(*self._rounded, self.directions, gain, self.dt)
 
     def peak(self, gain: float) -> float:
         """Returns Ms, the largest |S|, at a gain k at which the loop is stable."""
@@ -252,7 +318,7 @@ class PeriodicLoop(Loop):
             return np.abs(component(hz)) - level
 
         assert self.dt is not None
-        top = 0.5 * self.whole.B.shape[1] / self.dt
+        top = 0.5 * self.codes / self.dt
         spread = np.geomspace(LOWEST_SHARE * top, top, 6 * POINTS_PER_DECADE)
         grid = np.unique(np.concatenate([self._grid, spread]))
         values = apart(grid)
@@ -268,13 +334,17 @@ class PeriodicLoop(Loop):
 class _Sensitivity:
     """The sensitivity function S of a loop with several codes in a period, at one gain.
 
-    A, B, C, D: the loop gain divided by k. gain: k in V/N. dt: period in s. S is computed from the
-    closed loop, because the loop gain of an integrator has no value at frequency 0. The matrix of
-    the closed loop is triangular (Schur form), so a frequency needs no elimination.
+    A, B, C, D: the loop gain divided by k, between the directions of the codes. directions:
+    PeriodicLoop.directions. gain: k in V/N. dt: period in s. S is computed from the closed loop,
+    because the loop gain of an integrator has no value at frequency 0. The matrix of the closed
+    loop is triangular (Schur form), so a frequency needs no elimination. S does not change a
+    combination of codes at right angles to the directions.
     """
 
-    def __init__(self, A: Matrix, B: Matrix, C: Matrix, D: Matrix, gain: float, dt: float) -> None:
-        self.dt = dt
+    def __init__(
+        self, A: Matrix, B: Matrix, C: Matrix, D: Matrix, directions: Matrix, gain: float, dt: float
+    ) -> None:
+        self.dt, self.directions = dt, directions
         # S(z) = D + C (z - A)^-1 B with these matrices
         self.D = np.linalg.inv(np.eye(len(D)) + gain * D)
         self.A, self.B, self.C = A - gain * B @ self.D @ C, B @ self.D, -gain * self.D @ C
@@ -292,7 +362,7 @@ class _Sensitivity:
         return x
 
     def at(self, hz: ArrayLike) -> Matrix:
-        """Returns S at frequencies in Hz, in the shape (frequencies, codes, codes)."""
+        """Returns S at frequencies in Hz, in the shape (frequencies, directions, directions)."""
         z = np.exp(2j * math.pi * np.asarray(hz, float) * self.dt)
         result: Matrix = self.D + self._leaves @ self._states(z, self._enters[None])
         return result
@@ -300,13 +370,14 @@ class _Sensitivity:
     def component(self, hz: ArrayLike) -> Matrix:
         """Returns the component of S at the frequency of the disturbance; see
         PeriodicLoop.sensitivity_at()."""
-        at, codes = np.atleast_1d(np.asarray(hz, float)), len(self.D)
+        at, codes = np.atleast_1d(np.asarray(hz, float)), len(self.directions)
         turned = np.exp(2j * math.pi * at[:, None] * self.dt / codes * np.arange(codes))
+        turned = turned @ self.directions
         z = np.exp(2j * math.pi * at * self.dt)
         states = self._states(z, (turned @ self._enters.T)[:, :, None])[:, :, 0]
         back = turned.conj()
-        result: Matrix = np.sum((back @ self.D) * turned, 1)
-        result = (result + np.sum((back @ self._leaves) * states, 1)) / codes
+        result: Matrix = np.sum((back @ (self.D - np.eye(len(self.D)))) * turned, 1)
+        result = 1 + (result + np.sum((back @ self._leaves) * states, 1)) / codes
         return result
 
     def peak(self) -> float:
@@ -387,15 +458,6 @@ class FreeLoop(Loop):
         edge = self.limit().gain
         return not (edge and gain >= edge) and all(loop.stable(gain) for loop in self.each)
 
-    def least_margin(self, gain: float, known: float | None) -> float | None:
-        """Returns the gain margin over all phases of the samples, at a gain k at which the loop is
-        stable. `known`: smallest gain margin of the loops `each`. The margin may be smaller at
-        phases between those of `each`."""
-        edge = self.limit().gain
-        if not edge or gain >= edge:
-            return known
-        return edge / gain if known is None else min(known, edge / gain)
-
     def decay(self, gain: float) -> float:
         """Returns the smallest decay rate over all phases of the samples."""
         return min(loop.decay(gain) for loop in self.each)
@@ -426,24 +488,28 @@ class FreeLoop(Loop):
                 points = points[middle - 1 : middle + 2]
         return best
 
+    def gain_margins(self, gain: float) -> Margins:
+        """Returns the smallest gain margins over all phases of the samples, also over those between
+        the phases of `each`."""
+        found = [loop.gain_margins(gain) for loop in self.each]
+        edge = self.limit().gain
+        above = [one.gain_margin for one in found if one.gain_margin is not None]
+        if edge and gain < edge:
+            above.append(edge / gain)
+        below = [one.gain_reduction for one in found if one.gain_reduction is not None]
+        known = [one.known_to for one in found if one.known_to is not None]
+        return Margins(
+            gain_margin=min(above, default=None),
+            gain_reduction=max(below, default=None),
+            known_to=min(known, default=None),
+        )
+
     def margins(self, gain: float) -> Margins:
         """Returns the smallest gain margins and phase margins over all phases of the samples."""
-        found = [loop.margins(gain) for loop in self.each]
-
-        def least(name: str) -> Margins:
-            def size(margins: Margins) -> float:
-                value = getattr(margins, name)
-                return math.inf if value is None else abs(value)
-
-            return min(found, key=size)
-
-        turned = least("phase_margin_deg")
-        below = [margins.gain_reduction for margins in found if margins.gain_reduction is not None]
-        return Margins(
-            gain_margin=self.least_margin(gain, least("gain_margin").gain_margin),
-            gain_reduction=max(below, default=None),
+        turned = min((loop.margins(gain) for loop in self.each), key=_size_deg)
+        return replace(
+            self.gain_margins(gain),
             phase_margin_deg=turned.phase_margin_deg,
             crossover_hz=turned.crossover_hz,
             crossovers=turned.crossovers,
-            known_to=least("known_to").known_to,
         )

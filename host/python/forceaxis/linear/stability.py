@@ -105,11 +105,11 @@ class Margins:
     |L| is 1. known_to: gain factor above which rounding errors hide crossings, or None.
     """
 
-    gain_margin: float | None
-    gain_reduction: float | None
-    phase_margin_deg: float | None
-    crossover_hz: float | None
-    crossovers: list[Crossover]
+    gain_margin: float | None = None
+    gain_reduction: float | None = None
+    phase_margin_deg: float | None = None
+    crossover_hz: float | None = None
+    crossovers: list[Crossover] = field(default_factory=list)
     known_to: float | None = None
 
 
@@ -639,17 +639,28 @@ class Loop:
         the range has no upper end."""
         return self.limit().stable_ranges
 
-    def margins(self, gain: float) -> Margins:
-        """Returns the gain margins and phase margins of the force loop at a gain k. The loop must
-        be stable at k."""
+    def gain_margins(self, gain: float) -> Margins:
+        """Returns the gain margins of the force loop at a gain k, without the phase margins. The
+        loop must be stable at k."""
         if not len(self._minimal.A):
-            return Margins(None, None, None, None, [])
+            return Margins()
         crossings, known_to = self._crossed
         if not any(c.gain > gain for c in crossings):
             crossings, known_to = self.crossings(), self.limit().known_to
         gains = [c.gain for c in crossings]
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
+        return Margins(
+            gain_margin=above and above / gain,
+            gain_reduction=below and below / gain,
+            known_to=None if above or known_to is None else known_to / gain,
+        )
+
+    def margins(self, gain: float) -> Margins:
+        """Returns the gain margins and phase margins of the force loop at a gain k. The loop must
+        be stable at k."""
+        if not len(self._minimal.A):
+            return Margins()
         A, B, C, D = self._plane
         # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
         # The zeros of 1 - k^2 G(s) G(-s) are the poles of k^2 G(s) G(-s) with positive feedback.
@@ -672,13 +683,11 @@ class Loop:
             phase = float(np.degrees(np.angle(-self._at(w))))
             crossovers.append(Crossover(self.hz(w), phase))
         least = min(crossovers, key=lambda c: abs(c.phase_margin_deg), default=None)
-        return Margins(
-            gain_margin=above and above / gain,
-            gain_reduction=below and below / gain,
+        return replace(
+            self.gain_margins(gain),
             phase_margin_deg=least.phase_margin_deg if least else None,
             crossover_hz=least.frequency_hz if least else None,
             crossovers=crossovers,
-            known_to=None if above or known_to is None else known_to / gain,
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
