@@ -296,13 +296,13 @@ std::complex<double> ForcePlant::held(double w) const {
   if (readings_ == 0) return sum;
   using Turn = std::complex<Extended>;
   const Extended angle = 2 * std::atan(Extended{w});  // phase angle of one tick in rad
-  const Turn step = std::polar(Extended{1}, -angle * between_ages_);
-  Turn age = std::polar(Extended{1}, -angle * least_age_), ages = 0;
-  for (int reading = 0; reading < readings_; ++reading) {
-    ages += age;
-    age *= step;
-  }
-  return sum * std::complex<double>(ages / Extended(readings_) * filtered(angle));
+  // The ages have equal distances, so their mean has the phase of the age in the middle.
+  const Extended middle = least_age_ + (readings_ - 1) * between_ages_ / 2;
+  const Extended half = angle * between_ages_ / 2;
+  const Extended size =
+      half == 0 ? Extended{1} : std::sin(readings_ * half) / (readings_ * std::sin(half));
+  const Turn ages = size * std::polar(Extended{1}, -angle * middle);
+  return sum * std::complex<double>(ages * filtered(angle));
 }
 
 // Returns the response of the converter's filter. `angle` is the phase angle of one tick in rad.

@@ -400,6 +400,15 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     return done
 
 
+class _NotBorne(Exception):
+    """A force law does not bear the error of the model. ms: largest Ms with the measured part that
+    the model lacks. above: distance of Ms from 1, divided by the permitted distance."""
+
+    def __init__(self, ms: float, above: float) -> None:
+        super().__init__(ms, above)
+        self.ms, self.above = ms, above
+
+
 def _designed(
     tuning: TuningFolder, fitted: Fitted, order: outcome.DesignOrder
 ) -> outcome.DesignOutcome:
@@ -407,40 +416,48 @@ def _designed(
     smaller Ms, until the plants with the measured part that the model lacks have at most the Ms of
     the request. Raises Refusal."""
 
-    def design(ms: float, simulate: bool) -> outcome.DesignOutcome:
+    def design(ms: float, accept: for_set.Accept | None) -> outcome.DesignOutcome:
         try:
-            return for_set.design(replace(order, ms=ms, simulate=simulate), None, tuning.say)
+            return for_set.design(replace(order, ms=ms), None, tuning.say, accept=accept)
         except (InputError, _core.SimulationError) as error:
             raise Refusal("design", str(error)) from None
 
     if not fitted.unexplained:
-        return design(order.ms, True)
-    ms, simulate = order.ms, False
-    for _ in range(MODEL_ERROR_ROUNDS):
-        found = design(ms, simulate)
+        return design(order.ms, None)
+
+    def borne(found: outcome.DesignOutcome) -> list[float]:
+        """Returns the largest Ms with each delay. Raises _NotBorne."""
         timings = found.order.goal(found.bits).timings
         peaks = unexplained.largest_ms(found.plants, found.bank, timings, fitted.unexplained)
         above = max(
             (peak - 1) / (most * order.ms - 1)
             for peak, most in zip(peaks.values(), (1.0, outcome.LATE), strict=False)
         )
-        if above <= 1 and simulate:
-            worst = found.worst
-            found.worst = replace(
-                worst, Ms=max(worst.Ms or 0.0, peaks[timings[0]]),
-                Ms_late=max(worst.Ms_late or 0.0, peaks[timings[-1]]),
-            )  # fmt: skip
-            return found
-        if above <= 1:
-            simulate = True
+        if above > 1:
+            raise _NotBorne(max(peaks.values()), above)
+        return list(peaks.values())
+
+    ms = order.ms
+    for _ in range(MODEL_ERROR_ROUNDS):
+        try:
+            # A law that does not bear the error of the model is not simulated.
+            found = design(ms, borne)
+            peaks = borne(found)
+        except _NotBorne as error:
+            step = max(MODEL_ERROR_STEP_MIN, min(MODEL_ERROR_STEP_MAX, 1 / error.above))
+            ms = 1 + (ms - 1) * step
+            if ms - 1 < MODEL_ERROR_MS_MIN * (order.ms - 1):
+                break
+            tuning.say(
+                f"with the part that the model lacks, Ms is {error.ms:.3g}; the law is designed "
+                f"again, for Ms {ms:.3g}"
+            )
             continue
-        ms = 1 + (ms - 1) * max(MODEL_ERROR_STEP_MIN, min(MODEL_ERROR_STEP_MAX, 1 / above))
-        if ms - 1 < MODEL_ERROR_MS_MIN * (order.ms - 1):
-            break
-        tuning.say(
-            f"with the part that the model lacks, Ms is {max(peaks.values()):.3g}; the law is "
-            f"designed again, for Ms {ms:.3g}"
+        worst = found.worst
+        found.worst = replace(
+            worst, Ms=max(worst.Ms or 0.0, peaks[0]), Ms_late=max(worst.Ms_late or 0.0, peaks[-1])
         )
+        return found
     raise Refusal(
         "chi2", f"{fitted.why_not}; no force law bears the part that the model lacks",
         *tune_fit.proposed(tuning, tune_fit.TRIED.required(tuning.folder), fitted.lines),

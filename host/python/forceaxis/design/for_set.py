@@ -39,6 +39,8 @@ Say = Callable[[str], None]  # function that shows the user a text about the pro
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
 # Function from the name of a structure of the law to the design, or None if no gain is possible.
 Instead = Callable[[str], DesignOutcome | None]
+# Function that raises an error to reject the law of a search before its contacts are simulated.
+Accept = Callable[[DesignOutcome], object]
 
 
 def check(order: DesignOrder) -> None:
@@ -104,13 +106,15 @@ def design(
     out: str | Path | None = None,
     progress: Say | None = None,
     write_page: PageWriter | None = None,
+    accept: Accept | None = None,
 ) -> DesignOutcome:
     """Designs a force law for a set of plants, and writes the design to the new folder `out` unless
     `out` is None. The folder is written completely or not at all.
 
     progress(text) is called at every step. write_page: function that writes the HTML page of the
-    design into the folder, such as forceaxis.pages.design.write(). Raises InputError,
-    SimulationError.
+    design into the folder, such as forceaxis.pages.design.write(). accept: function that raises an
+    error to reject the law before the simulation. Raises InputError, SimulationError, and the
+    errors of `accept`.
     """
     check(order)
     say = progress or (lambda text: None)
@@ -131,6 +135,8 @@ def design(
         more = () if order.modes == "all" else visited(bench, outcome.bank, plants.modes)
         if len(more) > len(plants.modes):
             outcome, instead = found(plant, replace(plants, modes=more), order, bits, say)
+        if accept:
+            accept(outcome)
         if order.simulate:
             outcome, bench = simulated(bench, outcome, instead, say)
         expect_no_dead_law(plant, outcome)
