@@ -36,10 +36,14 @@ MOVING_STEPS = ("first motion", "move", "weight")
 # Times in s: for which the position law holds the axis before its output is read, and in which the
 # output at standstill is averaged. Difference in DAC codes between two outputs that counts as none.
 HOLD_S, AT_REST_S, SAME_CODES = 1.5, 0.5, 2.0
+# time in s in which the position law brings the axis to rest after the first motion test
+AFTER_FIRST_MOTION_S = 0.5
 # Largest relative difference between the measured weight and that of the model. Largest relative
 # difference between the output at standstill and the output_bias with which the axis was held; with
-# a larger one, the sign of output_bias or the size of the weight is wrong.
-WEIGHT_TOLERANCE, HELD_TOLERANCE = 0.1, 0.5
+# a larger one, the sign of output_bias or the size of the weight is wrong. With a wrong sign, the
+# difference is twice the output_bias. A motor constant a third below its data sheet and a weight a
+# tenth above it are a difference of 0.65.
+WEIGHT_TOLERANCE, HELD_TOLERANCE = 0.1, 0.7
 # Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
 SETTLE_S = 1.3  # time in s from the end of a move to the read of the position error
@@ -228,9 +232,9 @@ class MotionCheck:
         """Returns the results of all steps that have ended so far."""
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
-    def run(self, consent: Callable[[str], bool]) -> None:
+    def run(self, consent: Callable[[str], bool], tare: bool = True) -> None:
         """Runs all steps. If the steps at rest have passed, calls consent(text). The axis moves
-        only if consent() returns True."""
+        only if consent() returns True. `tare`: False leaves the tare as it is."""
         self._connection()
         if not self._table():
             return
@@ -252,7 +256,8 @@ class MotionCheck:
             self._skip("nobody allowed the axis to move", *MOVING_STEPS, "tare")
         else:
             self._motion()
-            self._tare()
+            if tare:
+                self._tare()
 
     def asked(self) -> str:
         """Returns the text that describes the motion. A person has to confirm this motion before
@@ -429,7 +434,15 @@ class MotionCheck:
     def _span(self) -> int:
         """Returns the largest distance from the start position in encoder counts. An overshoot is
         included."""
-        return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
+        reach = FIRST_MOTION_REACH * self.known.first_motion_counts
+        return max(self.travel, reach, self._sag()) + ARRIVED_CNT
+
+    def _sag(self) -> int:
+        """Returns the largest position error, in encoder counts, by which the position law holds
+        the part of a weight that output_bias does not hold."""
+        if not self.known.position_gain:
+            return 0
+        return math.ceil(HELD_TOLERANCE * abs(self.bias) / self.known.position_gain)
 
     def _speed(self) -> float:
         """Returns the speed of the move in counts per tick."""
@@ -445,9 +458,7 @@ class MotionCheck:
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
             **self._position_bounds(),
-            "output_limit": self._limit(max(self.output, known.first_motion_code)),
-            "following_error_max": _least(known.following_error_max, self.travel),
-            "speed_max": _least(known.speed_max, 2 * known.first_motion_speed),
+            "following_error_max": _least(known.following_error_max, max(self.travel, self._sag())),
             "force_max": _least(known.force_max, force),
             "first_motion_counts": known.first_motion_counts,
             "profile_enable": "trapezoid",
@@ -455,7 +466,7 @@ class MotionCheck:
             "profile_acceleration_max": self._speed() / 100,
         }
         names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation",
-                 "output_bias", "brake_engage_ticks"]  # fmt: skip
+                 "output_bias", "brake_engage_ticks", "output_limit", "speed_max"]  # fmt: skip
         before = self.axis.link.read(names)
         self.engages = known.brake_engage_ticks
         if self.weight:
@@ -464,11 +475,11 @@ class MotionCheck:
         try:
             self.axis.set(**bounds, first_motion_test="off", output_bias=self.bias,
                           brake_engage_ticks=self.engages)  # fmt: skip
+            self._bound_first_motion()
             if not self._first_motion():
                 self._skip("an earlier step failed", "move", "weight")
                 return
-            slow = _least(known.speed_max, MOVE_SPEED_MAX)
-            self.axis.set(output_limit=self._limit(self.output), speed_max=slow)
+            self._bound_move()
             self._move()
             if self.passed:
                 before["brake_engage_ticks"] = self.engages
@@ -476,6 +487,19 @@ class MotionCheck:
                     before["output_bias"] = client.to_raw("output_bias", self.learned)
         finally:
             self._put_back(before)
+
+    def _bound_first_motion(self) -> None:
+        """Writes the bounds of output and speed during the first motion test."""
+        most = max(self.output, self.known.first_motion_code)
+        speed = _least(self.known.speed_max, 2 * self.known.first_motion_speed)
+        self.axis.set(output_limit=self._limit(most), speed_max=speed)
+
+    def _bound_move(self) -> None:
+        """Writes the bounds of output and speed during the move, when the position law has brought
+        the axis to rest after its first motion."""
+        self.axis.link.wait(AFTER_FIRST_MOTION_S)
+        speed = _least(self.known.speed_max, MOVE_SPEED_MAX)
+        self.axis.set(output_limit=self._limit(self.output), speed_max=speed)
 
     def _position_bounds(self) -> dict[str, int]:
         """Returns the position limits of the motion from the start position."""
@@ -485,13 +509,16 @@ class MotionCheck:
         }
 
     def _change_bias(self, bias: float) -> None:
-        """Disables the axis and writes a new output_bias. With an output_bias that is wrong, the
-        axis falls a little until its brake holds, so its motion begins from its new position."""
+        """Disables the axis and writes a new output_bias, with the bounds of the first motion test,
+        which then runs again. With an output_bias that is wrong, the axis falls a little until its
+        brake holds, so its motion begins from its new position. The speed of this fall is not
+        bounded, because a fault would switch the amplifier off before the brake holds."""
+        self.axis.set(speed_max=self.known.speed_max)
         self.axis.off()
         actions.wait_to_stand(self.axis)
         self.bias = bias
-        most = self._limit(max(self.output, self.known.first_motion_code))
-        self.axis.set(output_bias=bias, output_limit=most)
+        self.axis.set(output_bias=bias)
+        self._bound_first_motion()
         self.start = self.axis.integer("position")
         bounds = self._position_bounds()
         parameter_set.write(self.axis, bounds, self.axis.link.read(list(bounds)))
@@ -586,6 +613,7 @@ class MotionCheck:
             if error := self._enabled():
                 self._done("move", "failed", error)
                 return
+            self._bound_move()
             moved = self._out_and_back()
         if moved is None:
             return
