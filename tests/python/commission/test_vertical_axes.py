@@ -11,6 +11,7 @@ import itertools
 import json
 import os
 
+import drawn_axes
 import drawn_machines
 import pytest
 import verbs
@@ -18,8 +19,9 @@ from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import known
+from forceaxis.commission import known, machine_bounds, tune, tune_measure
 from forceaxis.commission.check import MotionCheck
+from forceaxis.commission.refusal import Refusal
 from forceaxis.cycles import live
 from forceaxis.design import data_sheet, new
 
@@ -252,6 +254,79 @@ HEAD = dict(
     sensor_noise_n=0.05, encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4,
     workpiece_mass_kg=0.2, approach_mm=3,
 )  # fmt: skip
+
+
+def delivered_head(folder, share, **changed):
+    """(model, link) of a head as delivered, whose weight is so many times that of its model."""
+    given = {key: str(value) for key, value in (HEAD | changed).items()}
+    new.write(folder / "head", *data_sheet.collect(given))
+    model = folder / "head/model.toml"
+    acceleration = linear.facts(str(model)).parameters["g_axis"][0]
+    overrides = [f"g_axis={share * acceleration!r}", *drawn_axes.DELIVERED]
+    return model, SimLink(model.with_name("contact.toml"), overrides, folder / "store.bin")
+
+
+def tuning(axis, model, out, **changed):
+    order = tune.TuningOrder(str(model), (20.0, 50.0), ("k_w=50%",), force_max_N=90.0)
+    return tune.Tuning(axis, dataclasses.replace(order, **changed), out)
+
+
+@pytest.mark.parametrize(("share", "gain", "per_mm"), [
+    (0.8, 0.08, 2000),  # 49 codes of the weight are 600 counts beside the target
+    (0.8, 0.3, 5000), (1.2, 0.3, 5000),  # 8 counts a tick are 2.4 mm/s
+])  # fmt: skip
+def test_a_weight_is_learned_with_any_position_gain_and_encoder(tmp_path, share, gain, per_mm):
+    model, link = delivered_head(tmp_path, share, encoder_counts_per_mm=per_mm)
+    sheet = known.weight(model)
+    with Axis(link) as axis:
+        axis.set(position_gain=gain)
+        run = MotionCheck(axis, weight=sheet)
+        run.run(lambda text: True)
+        assert run.passed, run.steps
+        assert axis.read("output_bias") == pytest.approx(share * sheet.codes, abs=2)
+
+
+@pytest.mark.parametrize("share", [0.8, 1.2])
+def test_a_tuning_measures_the_weight_before_it_moves_the_axis_in_open_loop(tmp_path, share):
+    """With the output that holds the weight of the model, the axis moves by itself."""
+    model, link = delivered_head(tmp_path, share)
+    codes = share * known.weight(model).codes
+    with Axis(link) as axis:
+        before = axis.get("output_bias", "brake_engage_ticks", "first_motion_counts")
+        start = axis.integer("position")
+        work = tuning(axis, model, tmp_path / "out")
+        work.run("check")
+        settings = tune.CHECK.result(work).settings
+        assert settings["output_bias"] == pytest.approx(codes, abs=2)
+        assert axis.get(*before) == before  # until the law is written
+        link.axis.reset_extremes()
+        work.run("free")
+        assert tune.FREE.result(work).glide.dead_zone < 1
+        assert axis.get(*before) == before
+        ends = [link.axis.extremes[f"position_{end}_cnt"] - start for end in ("min", "max")]
+        assert max(map(abs, ends)) < machine_bounds.gap_counts(model)
+        assert link.axis.extremes["force_N"] == 0
+
+
+def test_an_axis_that_could_fall_onto_its_workpiece_is_not_moved(tmp_path):
+    """A brake of 0.1 s lets a fifth of the weight fall by 9.8 mm; the workpiece is at 3 mm."""
+    model, link = delivered_head(tmp_path, 1.2, brake_engage_ms=100)
+    with Axis(link) as axis:
+        start = axis.integer("position")
+        with pytest.raises(Refusal, match=r"at least 9\.8 mm .* got 3 mm") as refused:
+            tuning(axis, model, tmp_path / "out").run("check")
+        assert refused.value.name == "weight"
+        assert axis.integer("position") == start and link.axis.extremes["force_N"] == 0
+
+
+def test_a_disabled_axis_takes_parameters_when_its_brake_has_engaged(tmp_path):
+    _, link = delivered_head(tmp_path, 1.0)
+    with Axis(link) as axis:
+        axis.set(brake_engage_ticks=300, position_gain=1.0, first_motion_test="off")
+        axis.enable("profile position")
+        tune_measure.disable(axis)
+        axis.set(force_scale=1e6)
+        assert axis.read("force_scale") == 1e6
 
 
 @pytest.mark.long

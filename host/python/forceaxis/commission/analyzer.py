@@ -283,8 +283,9 @@ class Analyzer:
         self.axis.set(**values)
 
     def close(self) -> None:
-        """Disables the axis and restores the values that set() has replaced."""
-        self.axis.disable()
+        """Disables the axis, waits until its brake has engaged, and restores the values that set()
+        has replaced."""
+        self.axis.off()
         before, self._before = self._before, {}
         for name, value in before.items():
             try:

@@ -33,6 +33,7 @@ from forceaxis.commission import (
     margins,
     tune_fit,
     tune_measure,
+    tune_weight,
     unexplained,
 )
 from forceaxis.commission.as_found import FolderFile
@@ -155,7 +156,8 @@ class AxisSettings:
 
 
 def check(tuning: TuningFolder) -> Checked:
-    """Checks that the axis is at rest and that the converters of the axis agree with the model."""
+    """Checks that the axis is at rest and that the converters of the axis agree with the model. An
+    axis with a weight is also moved, as by `axis check`, so that its weight is known."""
     axis, model = tuning.axis, tuning.model
     held = axis.record(AxisSettings)
     facts = linear.facts(model)
@@ -171,6 +173,9 @@ def check(tuning: TuningFolder) -> Checked:
     low, high = tuning.order.band_hz
     high = min(max(high, RESPONSE_BAND_FACTOR * highest), _highest_hz(facts))
     low = min(low, high / BAND_RATIO_MIN)
+    if held_weight := tune_weight.held_weight(tuning, settings, rest):
+        settings |= held_weight
+        rest = analyzer_of(tuning).rest()
     return Checked(
         rest, settings, bank.keys(), (low, high), margins.active_law(axis).keys(),
         held.latency_ticks,

@@ -266,7 +266,8 @@ def resolution_of(band_hz: tuple[float, float]) -> float:
     return max(wanted, finest_resolution_hz())
 
 
-def _per_mm(tuning: TuningFolder) -> float:
+def per_mm(tuning: TuningFolder) -> float:
+    """Returns the encoder counts of a millimetre."""
     return 1e-3 * abs(linear.facts(tuning.model).required_encoder.scale)
 
 
@@ -274,14 +275,14 @@ def free_travel_mm(tuning: TuningFolder, order: TuningOrder) -> float:
     """Returns the largest travel in mm out of contact, of the request or from the model."""
     if order.travel_mm is not None:
         return order.travel_mm
-    return machine_bounds.free_counts(tuning.model) / _per_mm(tuning)
+    return machine_bounds.free_counts(tuning.model) / per_mm(tuning)
 
 
 def squeeze_mm(tuning: TuningFolder, order: TuningOrder) -> float:
     """Returns the largest travel in mm in contact, of the request or from the model."""
     if order.squeeze_mm is not None:
         return order.squeeze_mm
-    return machine_bounds.squeeze_counts(tuning.model, *forces_between(order)) / _per_mm(tuning)
+    return machine_bounds.squeeze_counts(tuning.model, *forces_between(order)) / per_mm(tuning)
 
 
 def forces_between(order: TuningOrder) -> tuple[float, float]:
@@ -298,7 +299,7 @@ def with_measured_way(
     does not change."""
     if order.squeeze_mm is not None:
         return order
-    measured = machine_bounds.MEASURED_FACTOR * (max(way) - min(way)) / _per_mm(tuning)
+    measured = machine_bounds.MEASURED_FACTOR * (max(way) - min(way)) / per_mm(tuning)
     return replace(order, squeeze_mm=max(squeeze_mm(tuning, order), measured))
 
 
@@ -360,9 +361,11 @@ def line_of(name: str, figures: ResponseFigures) -> str:
 @contextlib.contextmanager
 def temporary(axis: Axis, values: Settings) -> Iterator[None]:
     """Context that writes objects to a disabled axis, and restores their previous values at the
-    end."""
+    end. An `output_bias` stays until the end of the run, because the axis would begin with its
+    first motion test again after each change."""
     before = axis.get(*values) if values else {}
-    _write(values, axis.set)
+    bias = before.pop("output_bias", None)
+    _write({n: v for n, v in values.items() if n != "output_bias" or v != bias}, axis.set)
     try:
         yield
     finally:
@@ -379,8 +382,9 @@ def _write(values: Settings, write: Callable[..., None]) -> None:
 
 
 def disable(axis: Axis) -> None:
-    """Disables the axis and waits until the connection reports the disabled state."""
-    axis.disable()
+    """Disables the axis. Waits until it is disabled, which an axis with a brake is only when the
+    brake has engaged, and until the connection reports it."""
+    axis.off()
     axis.link.wait(0.05)
 
 
