@@ -34,6 +34,7 @@ from forceaxis.commission.refusal import Refusal
 from forceaxis.design import model_file, outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
+from forceaxis.objects import BY_NAME
 
 pytestmark = pytest.mark.beside
 
@@ -480,6 +481,33 @@ def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(pres
     assert "friction" not in dict(describe_response(done["free"].summary))
 
 
+class Overtaken(SimLink):
+    """The excitation of its axis ends by a bound of the force while it is being stopped."""
+
+    ends = 0
+
+    def write(self, values):
+        own = self.read(["excitation_force_min"])
+        if values.get("excitation_run") == 0 and self.ends:
+            self.ends -= 1
+            super().write({"excitation_force_min": BY_NAME["excitation_force_min"].max})
+            self.wait(0.02)
+            super().write(own)
+        super().write(values)
+
+
+def test_an_excitation_that_ends_by_a_bound_while_it_is_stopped_is_reduced(press):
+    """It was waited for until the time was over, and the measurement was refused."""
+    said = []
+    with Axis(Overtaken(press / "contact.toml")) as axis:
+        axis.link.ends = 1
+        order = MeasuringOrder(force_max_N=FORCE_MAX_N, averages=4, amplitude=8)
+        with Analyzer(axis, order, say=said.append) as analyzer:
+            analyzer.rest()
+            level = analyzer.contact(60.0)
+    assert "ended_force at 8 codes: halved" in said and level.amplitude == 4
+
+
 @pytest.mark.parametrize("newton, force", [(12.0, 30.0), (25.0, 100.0)])
 def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
     press, tmp_path, newton, force
@@ -743,6 +771,12 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         for step in STEPS:
             work.run(step)
     assert "left out, because the backlash of the gear opens: free, 30N" in said
+    # The amplitude rises from that at which the axis slides, and is never far beyond the bounds.
+    levels, glide = tune.MEASURE.result(work).levels, tune.FREE.result(work).glide
+    tried = [int(found[1]) for text in said if (found := re.match(r"ended_\w+ at (\d+) ", text))]
+    slides = friction.NOISE_SLIDES * glide.dead_zone + 1
+    assert max(tried) <= max(slides, 2 * max(level.amplitude for level in levels.values()))
+    assert 0.5 < levels["120N"].swing / 120 < 0.9
     assert any("backlash of the gear opens at free, 30N" in line for line in work.summary().holds)
     values = tune.FIT.result(work).values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)

@@ -76,6 +76,10 @@ AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude i
 # The constants with SLIDING in their names apply to an axis with dry friction.
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
+FACTOR_MAX_SLIDING = 2.0  # largest factor of one increase of the amplitude in the search
+# Peak-to-peak range of the force, divided by the bias force, that an axis with friction may use in
+# contact, so that it slides most of the time. It is the range down to the smallest permitted force.
+SWING_SLIDING = 2 * (1 - FORCE_MIN_SHARE - FORCE_MARGIN_SHARE)
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
 FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling time in contact
 # Settling time while the amplitude is searched, divided by the settling time in the measurement.
@@ -578,7 +582,10 @@ class Analyzer:
                 return amplitude
             room = swing / max(moved, 1e-9)
             wanted = max(AMPLITUDE_FACTOR_MIN, 1.1 * error / output.deviation_max)
-            factor = min(wanted, output.factor_max, room)
+            wanted = max(wanted, FACTOR_MAX_SLIDING) if may_stick else wanted
+            # An axis that sticks moves less at a small amplitude than in proportion to it.
+            most_factor = FACTOR_MAX_SLIDING if may_stick else output.factor_max
+            factor = min(wanted, most_factor, room)
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _reduce(self, level: Level, amplitude: int, ended: Ended) -> int:
@@ -716,7 +723,10 @@ class Analyzer:
         held = axis.link.recording(10 + 2 * samples / TICKS_PER_S)
         self._expect_excitation()
         axis.set(excitation_run="stop")
-        axis.wait_for(ExcitationObjects, lambda s: s.excitation_state == "done", "the ramp's end")
+        # A bound may also end the excitation between this command and the end of its ramp.
+        ends = axis.wait_for(ExcitationObjects, _has_ended, "the ramp's end")
+        if ends.excitation_state != "done":
+            raise Ended(ends.excitation_state)
         return held
 
     def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
@@ -867,6 +877,10 @@ def finest_resolution_hz() -> float:
 def _most_samples(signals: Sequence[str]) -> int:
     """Returns the largest number of samples that the recorder can store of these signals."""
     return RECORDER_BYTES // sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
+
+
+def _has_ended(state: ExcitationObjects) -> bool:
+    return state.excitation_state == "done" or state.excitation_state.startswith("ended")
 
 
 def _expect_enabled(state: EnabledObjects) -> None:

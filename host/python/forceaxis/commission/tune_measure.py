@@ -13,7 +13,13 @@ from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, machine_bounds, measuring, sine_excitation
-from forceaxis.commission.analyzer import SWING, Analyzer, FewChanges, finest_resolution_hz
+from forceaxis.commission.analyzer import (
+    SWING,
+    SWING_SLIDING,
+    Analyzer,
+    FewChanges,
+    finest_resolution_hz,
+)
 from forceaxis.commission.friction import TRAVEL_MIN_CNT
 from forceaxis.commission.friction_search import FORCE_TOLERANCE, LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
@@ -112,6 +118,8 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     workpiece_rubs = between.friction_N > 0
     shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
     rubs = workpiece_rubs or free.glide.rubs
+    if rubs:
+        first = max(1, math.ceil(friction.NOISE_SLIDES * free.glide.dead_zone))
     for force in tuning.order.forces:
         name = f"{force:g}N"
 
@@ -120,10 +128,9 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
 
-        # With the largest amplitude that the drive permits, the axis slides most of the time.
-        if rubs:
-            first = MOST_CODES
         asked = measuring_order(tuning, order, first=first, rubs=rubs)
+        if rubs:
+            asked = replace(asked, swing=SWING_SLIDING)
         _, figures = take_response(tuning, name, law, asked, Analyzer, take)
         small = max(1, figures.amplitude // AMPLITUDE_RATIO)
         smaller = None
