@@ -435,6 +435,41 @@ def test_an_axis_that_covers_its_travel_at_once_needs_the_named_travel(tmp_path)
         assert travel < 800
         with Analyzer(axis, MeasuringOrder(travel=travel)) as analyzer:
             assert friction.glide(analyzer, 64).rate > 0
+        # Where the machine has room for it, the measurement takes the travel that it needs.
+        axis.link.axis.reset_extremes()
+        start, said = axis.integer("position"), []
+        most = MeasuringOrder(travel=40, travel_most=travel)
+        with Analyzer(axis, most, say=said.append) as analyzer:
+            assert friction.glide(analyzer, 64).rate > 0
+            assert 40 < analyzer.order.travel <= travel
+        assert any("counts of travel in place of 40" in text for text in said)
+        ends = [axis.link.axis.extremes[f"position_{end}_cnt"] - start for end in ("min", "max")]
+        assert max(map(abs, ends)) < 1.5 * travel
+        with (
+            Analyzer(axis, MeasuringOrder(travel=40, travel_most=60)) as analyzer,
+            pytest.raises(Refusal, match="at 2 DAC codes the axis moves farther"),
+        ):
+            friction.glide(analyzer, 64)
+
+
+def test_a_smallest_amplitude_that_leaves_the_travel_gets_the_travel_of_the_machine(tmp_path):
+    sheet = tune_study.BUS | {"encoder_counts_per_rev": 30000}
+    folder = drawn_axes.written(tmp_path / "axis", sheet)
+    with Axis(SimLink(folder / "contact.toml")) as axis:
+        start, said = axis.integer("position"), []
+        with (
+            Analyzer(axis, MeasuringOrder(travel=6, averages=4)) as analyzer,
+            pytest.raises(Refusal, match="the travel of 6 counts out of contact; give `travel`"),
+        ):
+            analyzer.free()
+        order = MeasuringOrder(travel=6, averages=4, travel_most=200)
+        axis.link.axis.reset_extremes()
+        with Analyzer(axis, order, say=said.append) as analyzer:
+            assert analyzer.free().amplitude >= 1
+            assert 6 < analyzer.order.travel <= 200
+        assert any("the smallest amplitude moves the axis farther: 12 counts" in t for t in said)
+        ends = [axis.link.axis.extremes[f"position_{end}_cnt"] - start for end in ("min", "max")]
+        assert max(map(abs, ends)) < 1.5 * 200
 
 
 def test_a_code_that_is_too_fast_in_one_direction_alone_is_reduced(press, monkeypatch):

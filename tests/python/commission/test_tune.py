@@ -22,11 +22,14 @@ from forceaxis.cli import live_options
 from forceaxis.commission import (
     analyzer,
     as_found,
+    contact,
+    friction,
     machine_bounds,
     margins,
     tune,
     tune_fit,
     tune_folder,
+    tune_measure,
 )
 from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.refusal import Refusal
@@ -566,6 +569,82 @@ def test_a_soft_part_is_refused_with_the_squeeze_with_which_it_is_measured(plant
         axis.link.wait(30.0)  # the compressed contact has pushed the axis away
         for step in ("check", "measure"):
             tune.Tuning(axis, order(plants, squeeze_mm=needed), tmp_path).run(step)
+
+
+def pressing(tuning):
+    """The settings with which an axis presses for its measurement."""
+    checked = tune.CHECK.result(tuning)
+    law = tune_measure.objects_of(tuning, checked, checked.law.bank, {})
+    return law | tune_measure.force_objects(tuning)
+
+
+@pytest.mark.parametrize("given", [None, 1.2])
+def test_a_part_that_is_softer_than_its_model_is_measured_within_the_room_of_the_machine(
+    plants, tmp_path, given
+):
+    """102 N are 1.5 mm in place of the 0.4 mm of the model; the workpiece is at 5 mm."""
+    said = []
+    with Axis(link(plants, ["k_w=8e4"])) as axis:
+        tuning = tune.Tuning(axis, order(plants, squeeze_mm=given), tmp_path, said.append)
+        tuning.run("check")
+        measures = tune_measure.analyzing(
+            tuning, pressing(tuning), tune_measure.measuring_order(tuning), analyzer.Analyzer
+        )
+        if given:  # which is never exceeded
+            with pytest.raises(Refusal, match="the structure is softer"), measures as measure:
+                friction.record_slow_change(measure, 18.0, 120.0)
+            return
+        with measures as measure:
+            before = measure.order.squeeze
+            force, place, _ = friction.record_slow_change(measure, 18.0, 120.0)
+            gap = machine_bounds.gap_counts(tuning.model)
+            assert before < np.ptp(place) < measure.order.squeeze <= gap
+        assert np.ptp(force) == pytest.approx(102, rel=0.1)
+        assert any("the structure is softer: " in text for text in said)
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+
+
+def test_before_a_first_contact_the_axis_goes_back_no_farther_than_to_the_workpiece(plants):
+    """The travel in contact of a soft workpiece was 49 mm, its distance 4 mm: the approach from
+    there was not over in time."""
+    with Axis(SimLink(plants / "true/contact.toml")) as axis:
+        start, per_mm = axis.integer("position"), 160.0
+        axis.set(mode="disabled", position_gain=4.0)
+        gap = -start
+        asked = MeasuringOrder(travel=400, squeeze=10 * gap, gap=gap, counts_per_mm=per_mm)
+        axis.link.axis.reset_extremes()
+        with contact.Touching(axis, asked) as measures:
+            measures.touch_down(30.0)
+        assert axis.link.axis.extremes["position_min_cnt"] > start - gap
+
+
+# A stepper that presses on rubber: so slow a loop with an integral of 4 1/s rings.
+RUBBER = {
+    "drive": "stepper", "moving_mass_kg": 60, "lead_mm_per_rev": 26, "rotor_inertia_kg_m2": 5e-4,
+    "holding_torque_n_m": 22, "full_scale_speed_m_per_s": 0.064, "sensor_full_scale_n": 1200,
+    "sensor_stiffness_n_per_m": 2.2e6, "sensor_bits": 12, "sensor_noise_n": 0.6,
+    "workpiece_stiffness_n_per_m": 1.5e4, "workpiece_mass_kg": 3.4, "approach_mm": 3,
+}  # fmt: skip
+
+
+def test_the_law_of_the_measurement_is_damped_on_a_soft_workpiece(tmp_path):
+    new.write(tmp_path / "axis", *data_sheet.collect({k: str(v) for k, v in RUBBER.items()}))
+    model = tmp_path / "axis/model.toml"
+    asked = tune.TuningOrder(str(model), (120.0, 390.0), OVER, force_max_N=930.0)
+    with Axis(SimLink(tmp_path / "axis/contact.toml", ["firmware.mode=disabled"])) as axis:
+        tuning = tune.Tuning(axis, asked, tmp_path / "out")
+        tuning.run("check")
+        bank = tune.CHECK.result(tuning).law.bank
+        for factor in (0.3, 1.0, 3.0):  # of what the workpiece may be
+            values = {"k_w": factor * 1.5e4}
+            plants = plant_set.PlantSet(str(model), values, {})
+            worst = over.worst(plants, ("zoh+1",), LoopSpec("bank", bank=bank))
+            assert worst.stable and worst.Ms < 2.3
+        with tune_measure.analyzing(
+            tuning, pressing(tuning), tune_measure.measuring_order(tuning), analyzer.Analyzer
+        ) as measures:
+            force, _, _ = friction.record_slow_change(measures, 72.0, 468.0)
+    assert force.min() > 0.7 * 72.0 and force.max() < 1.1 * 468.0
 
 
 def test_the_approach_can_be_given_and_is_bounded_in_time(plants, tmp_path):

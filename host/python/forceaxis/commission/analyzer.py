@@ -20,10 +20,10 @@ close() disables the axis and restores all objects that the analyzer has written
 import contextlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import NoReturn, Protocol, Self
+from typing import Literal, NoReturn, Protocol, Self
 
 import numpy as np
 
@@ -388,19 +388,37 @@ class Analyzer:
             excitation_travel=self.order.squeeze,
         )  # fmt: skip
 
+    def widen(self, bound: Literal["travel", "squeeze"], counts: float, why: str) -> bool:
+        """Widens a bound of the request, "travel" or "squeeze", to `counts` encoder counts, if the
+        request permits so many. Returns False if it does not. `why`: text about the reason."""
+        order = self.order
+        wider, own = math.ceil(counts), getattr(order, bound)
+        if not own < wider <= getattr(order, f"{bound}_most"):
+            return False
+        is_free = bound == "travel"
+        self.order = replace(order, travel=wider) if is_free else replace(order, squeeze=wider)
+        self.say(f"{why}: {wider} counts of travel in place of {own}")
+        return True
+
+    def bound_travel(self, travel: int) -> None:
+        """Writes the position limits of the motion out of contact, `travel` encoder counts to both
+        sides of the position at which the measurement began."""
+        self.set(
+            position_min=max(self.home - travel, self.objects.position_min),
+            position_max=min(self.home + travel, self.objects.position_max),
+            position_window=self.window(),
+        )
+
     def free(self) -> Level:
         """Measures the frequency response from the DAC code to the encoder position, out of
         contact."""
-        start = self.axis.integer("position")
+        self.home = self.axis.integer("position")
         travel = self.order.travel
+        self.bound_travel(travel)
         self.set(
-            position_min=max(start - travel, self.objects.position_min),
-            position_max=min(start + travel, self.objects.position_max),
-            position_window=self.window(), open_loop_code=0, excitation_waveform="noise",
-            excitation_amplitude=0, excitation_hold=self._hold_ticks(),
-            excitation_period=self.samples, bump_decay_shift=0,
+            open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0,
+            excitation_hold=self._hold_ticks(), excitation_period=self.samples, bump_decay_shift=0,
         )  # fmt: skip
-        self.home = start
         self.axis.enable("profile position")
         still = self.axis.capture(SIGNALS_APART, samples=self.samples)
         level = Level(self.order.amplitude)
@@ -593,6 +611,8 @@ class Analyzer:
         ended early. Raises Refusal after too many reductions."""
         level.aborts.append(Abort(amplitude, ended.reason))
         less = "less" if self.order.rubs else "halved"
+        if amplitude < 2 and ended.reason == "ended_travel" and self._widened(level):
+            return amplitude
         self.say(f"{ended.reason} at {amplitude} codes: {less}")
         if amplitude < 2 or len(level.aborts) > self._reductions_max:
             raise Refusal(
@@ -603,6 +623,21 @@ class Analyzer:
         if level.bias_N is not None:
             self.standing()
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
+
+    def _widened(self, level: Level) -> bool:
+        """Widens the travel of an axis that leaves it already with the smallest amplitude. Returns
+        False if the request does not permit it."""
+        bound: Literal["travel", "squeeze"] = "travel" if level.bias_N is None else "squeeze"
+        own, most = (getattr(self.order, name) for name in (bound, f"{bound}_most"))
+        wider = min(2 * own, most)
+        if not self.widen(bound, wider, "the smallest amplitude moves the axis farther"):
+            return False
+        if bound == "travel":
+            self.bound_travel(wider)
+        else:
+            self.standing()
+            self.set(excitation_travel=wider)
+        return True
 
     def _remedy(self, level: Level) -> str:
         """Returns the end of a text about excitations that were ended. It names the bound that was

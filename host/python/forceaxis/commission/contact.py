@@ -182,8 +182,10 @@ class Touching(Analyzer):
 
     def _leave(self) -> None:
         """Moves the axis back until it is out of contact. The distance of each move is at most the
-        permitted travel."""
-        axis, travel = self.axis, max(self.order.travel, self.order.squeeze)
+        permitted travel, and at most the distance to the workpiece, beyond which the travel in
+        contact of a soft workpiece may be."""
+        axis, order = self.axis, self.order
+        travel = min(max(order.travel, order.squeeze), order.gap or math.inf)
         self.set(position_window=self.window())
         axis.enable("profile position")
         for _ in range(MOVES_MAX):

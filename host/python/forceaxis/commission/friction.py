@@ -274,19 +274,19 @@ def glide(
     """
     start = analyzer.axis.integer("position")
     low, high = analyzer.objects.position_min, analyzer.objects.position_max
-    travel = min(analyzer.order.travel, start - low, high - start)
+    room = min(start - low, high - start)
+    travel = min(analyzer.order.travel, room)
     if travel < TRAVEL_MIN_CNT:
         raise Refusal(
             "travel", f"expected an axis that can move by at least {TRAVEL_MIN_CNT} counts to "
             f"both sides, but its position is {start}, with position_min {low} and position_max "
             f"{high}: move the axis away from the nearer bound"
         )  # fmt: skip
-    analyzer.set(
-        position_min=start - travel, position_max=start + travel,
-        position_window=analyzer.window(), open_loop_code=0,
-        excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
-    )  # fmt: skip
     analyzer.home = start
+    analyzer.bound_travel(travel)
+    analyzer.set(
+        open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0
+    )
     most = max(SMALLEST_CODE, most)
     highest = max(SMALLEST_CODE, highest or min(16 * most, analyzer.objects.codes_most))
     code = max(SMALLEST_CODE, first)
@@ -309,7 +309,11 @@ def glide(
                     rows = [forward, *(one for one in others if one is not None)]
                     break
             except _TooFast as fast:
-                more = analyzer.order.wider("travel", WIDER_FACTOR * fast.travel)
+                wider = WIDER_FACTOR * fast.travel
+                more = analyzer.order.wider("travel", wider)
+                if code == SMALLEST_CODE and _widens(analyzer, wider, room):
+                    travel = analyzer.order.travel
+                    continue
                 if code == SMALLEST_CODE:
                     raise Refusal(
                         "travel", f"expected an axis that moves by at most {travel} counts to "
@@ -347,6 +351,17 @@ def glide(
             text += f", a force of {found.moving_N:.2g} N against the motion"
     say(text)
     return found
+
+
+def _widens(analyzer: Analyzer, travel: float, room: int) -> bool:
+    """Widens the travel for the smallest DAC code, with which the axis is too fast for a speed to
+    be measured. `room`: distance in encoder counts to the nearer position limit of the axis.
+    Returns False if the request or this limit does not permit it."""
+    why = f"at {SMALLEST_CODE} DAC codes the axis is too fast for a speed to be measured"
+    if math.ceil(travel) > room or not analyzer.widen("travel", travel, why):
+        return False
+    analyzer.bound_travel(analyzer.order.travel)
+    return True
 
 
 def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N: float) -> Glide:
@@ -456,7 +471,7 @@ def record_slow_change(
     """
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
-    start, travel = axis.integer("position"), analyzer.order.squeeze
+    start = axis.integer("position")
     target = axis.number("target_force") * 1e-3 * rated_N / reached_N
     if abs(target - 1) < FORCE_ERROR_MIN:
         target = 1.0
@@ -465,14 +480,17 @@ def record_slow_change(
 
     def expect_near() -> None:
         way = abs(axis.integer("position") - start)
-        if way > travel:
+        if way > analyzer.order.squeeze:
             force_N = axis.number("force") * analyzer.newton
-            axis.disable()
             # the travel between the two forces, if the compliance stays as it was so far
             needed = way * max(1.0, (high_N - low_N) / max(abs(force_N - reached_N), 1e-9))
+            if analyzer.widen("squeeze", WIDER_FACTOR * needed, "the structure is softer"):
+                return
+            axis.disable()
             raise Refusal(
                 "travel",
-                f"expected at most {travel} counts of travel between the forces {low_N:.4g} and "
+                f"expected at most {analyzer.order.squeeze} counts of travel between the forces "
+                f"{low_N:.4g} and "
                 f"{high_N:.4g} N, got about {needed:.3g}: the structure is softer than expected; "
                 f"{analyzer.order.wider('squeeze', WIDER_FACTOR * needed)}, or forces that differ "
                 "less"

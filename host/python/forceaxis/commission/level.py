@@ -36,6 +36,10 @@ class MeasuringOrder:
     travel: int = 500
     #: largest distance in contact from the position at which the axis stands, in encoder counts
     squeeze: int = 500
+    #: Encoder counts up to which a measurement widens `travel` and `squeeze` by itself, if the
+    #: machine needs it. 0: it does not widen them.
+    travel_most: int = 0
+    squeeze_most: int = 0
     #: encoder counts per mm of the options that set `travel` and `squeeze`; 0: they are in counts
     counts_per_mm: float = 0.0
     gap: float = 0.0  #: distance to the workpiece in encoder counts; 0: it is not known

@@ -84,8 +84,21 @@ def free_counts(model: Path) -> int:
     if known.weight(model).codes:
         travel += WEIGHT_ERROR_CODES * rate * OPEN_LOOP_S
     if gap := gap_counts(model):
-        travel = min(travel, GAP_SHARE * gap)
+        travel = min(travel, free_most_counts(gap))
     return max(friction.TRAVEL_MIN_CNT, math.ceil(travel))
+
+
+def free_most_counts(gap: float) -> int:
+    """Returns the largest travel out of contact in encoder counts to which a measurement may widen
+    that of free_counts(). `gap`: distance to the workpiece in encoder counts. 0 if it is 0."""
+    return math.floor(GAP_SHARE * gap)
+
+
+def squeeze_most_counts(gap: float) -> int:
+    """Returns the largest travel in contact in encoder counts to which a measurement may widen that
+    of squeeze_counts(). It is the distance to the workpiece, over which the axis moves anyway.
+    `gap`: this distance in encoder counts."""
+    return math.floor(gap)
 
 
 def squeeze_counts(model: Path, low_N: float, high_N: float) -> int:

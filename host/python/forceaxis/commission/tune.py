@@ -85,7 +85,7 @@ from forceaxis.design.outcome import DesignResult
 from forceaxis.errors import ParameterError
 from forceaxis.identify.distributions import normal_bound
 from forceaxis.linear import PlantFacts, loops, plant_set, working
-from forceaxis.linear.bank import Bank
+from forceaxis.linear.bank import Bank, low_pass
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.results import from_json, to_json
 
@@ -100,6 +100,11 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # Lowest crossover frequency of a loop in the set of plants.
 # With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
+# Largest |S| of the loop during the measurement. Above it, the bank gets a low pass with one of
+# these corner frequencies, or a smaller integral rate.
+MS_MEASURING = 2.2
+LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
+SLOW_RATES_RAD_PER_S = (0.25, 1.0)
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
 # probability with which noise alone makes the measured Ms exceed its bound
 PEAK_PROBABILITY = 0.025
@@ -338,8 +343,10 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     may become unstable. With this filter bank, the loop is stable with a margin for all plants of
     the prior knowledge.
 
-    The integral action of the bank brings the force to the set-point. Raises Refusal if the gain is
-    so small that the command for the smallest set-point is rounded to 0.
+    The integral action of the bank brings the force to the set-point. If the loop is badly damped,
+    the bank has a low pass, which permits a larger gain where a resonance limits it, and another
+    integral rate. Raises Refusal if the gain is so small that the command for the smallest
+    set-point is rounded to 0.
     """
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
@@ -349,29 +356,67 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
         for row in factors
     ]
     grids = [Grid(PlantSet(model), [member], ("zoh+1",)) for member in members]
+    law = _fast_law(tuning, members, grids)
+    if law.largest_ms(grids) > MS_MEASURING:
+        damped = [_largest_law(grids, Bank(1.0, rate, sections=sections))
+                  for rate in (*SLOW_RATES_RAD_PER_S, *RATES_RAD_PER_S)
+                  for sections in ((), *((low_pass(hz),) for hz in LOW_PASS_HZ))]  # fmt: skip
+        damped = [one for one in damped if one.largest_ms(grids) <= MS_MEASURING]
+        law = max(damped, key=lambda one: one.bandwidth_hz(grids), default=law)
+    bank = law.bank.quantised()
+    if why := linear.facts(model).dead_law(bank.gain_at_rest(), min(tuning.order.forces)):
+        raise Refusal("dead_zone", why)
+    return bank, law.highest_hz
+
+
+@dataclass(frozen=True)
+class MeasuringLaw:
+    """A force law with the largest gain at which all loops have the gain margin of the measurement.
+    `highest_hz`: highest frequency in Hz at which one of the loops may become unstable."""
+
+    bank: Bank
+    highest_hz: float
+
+    def largest_ms(self, grids: list[Grid]) -> float:
+        """Returns the largest |S| of the loops, or infinity for a gain of 0."""
+        if not self.bank.force_gain:
+            return math.inf
+        return max(float(grid.figures(self.bank).Ms.max()) for grid in grids)
+
+    def bandwidth_hz(self, grids: list[Grid]) -> float:
+        """Returns the smallest bandwidth fS of the loops in Hz."""
+        return min(float(grid.figures(self.bank).fS_Hz.min()) for grid in grids)
+
+
+def _largest_law(grids: list[Grid], bank: Bank) -> MeasuringLaw:
+    """Returns the law of a filter bank, whose gain is 1, with its largest gain."""
+    bounds = Bounds((math.inf,), 1 / LIMIT_FACTOR, None, LIMIT_FACTOR * GAIN_MAX)
+    limits = [grid.largest_gain(bank, bank.hf_gain(), bounds) for grid in grids]
+    highest = max((one.place.frequency_hz for one in limits if one.place), default=0.0)
+    gain = math.floor(min(one.gain for one in limits) * 256) / 256
+    return MeasuringLaw(replace(bank, force_gain=gain), highest)
+
+
+def _fast_law(tuning: TuningFolder, members: list[Member], grids: list[Grid]) -> MeasuringLaw:
+    """Returns the law with the smallest integral rate with which each loop is fast enough, or the
+    law of the fastest loops."""
+    model = str(tuning.model)
     volts = linear.facts(model).volts_per_code
-    statics = [
+    slowest = min(
         volts * abs(linear.linearise(model, outputs=("adc0",), overrides=member.values,
                                      modes=tuning.states).at(0.0).item())
         for member in members
-    ]  # fmt: skip
-    bounds = Bounds((math.inf,), 1 / LIMIT_FACTOR, None, LIMIT_FACTOR * GAIN_MAX)
-    best: tuple[float, Bank, float] | None = None
+    )  # fmt: skip
+    best: tuple[float, MeasuringLaw] | None = None
     for rate in RATES_RAD_PER_S:
-        bank = Bank(1.0, rate)
-        limits = [grid.largest_gain(bank, 1.0, bounds) for grid in grids]
-        highest = max((one.place.frequency_hz for one in limits if one.place), default=0.0)
-        gain = math.floor(min(one.gain for one in limits) * 256) / 256
-        slowest = rate * min(statics)
-        if best is None or gain * slowest > best[0]:
-            best = gain * slowest, replace(bank, force_gain=gain), highest
+        law = _largest_law(grids, Bank(1.0, rate))
+        crossover = law.bank.force_gain * rate * slowest
+        if best is None or crossover > best[0]:
+            best = crossover, law
         if best[0] > CROSSOVER_RAD_PER_S:
             break
     assert best is not None  # `best` is set, because RATES_RAD_PER_S is not empty
-    bank = best[1].quantised()
-    if why := linear.facts(model).dead_law(bank.gain_at_rest(), min(tuning.order.forces)):
-        raise Refusal("dead_zone", why)
-    return bank, best[2]
+    return best[1]
 
 
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:

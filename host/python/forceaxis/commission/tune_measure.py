@@ -66,6 +66,7 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
         first = friction.first_code(most, travel, drive.rate)
         found = friction.glide(measures, most, tuning.say, first, drive=drive)
     asked = measuring_order(tuning, first=max(4, found.noise_codes), rubs=found.rubs)
+    asked = replace(asked, travel=measures.order.travel)
     _, figures = take_response(tuning, "free", settings, asked, Analyzer, Analyzer.free)
     return FreeResponse(**vars(figures), glide=GlideFigures(**vars(found), rubs=found.rubs))
 
@@ -253,13 +254,17 @@ def measuring_order(
     MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     counts_per_mm = 1e-3 * abs(linear.facts(model).required_encoder.scale)
+    gap = machine_bounds.gap_counts(tuning.model)
     return MeasuringOrder(
         band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz),
         averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
         travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
         squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),
-        counts_per_mm=counts_per_mm, gap=machine_bounds.gap_counts(tuning.model),
+        # What the user has given is never exceeded.
+        travel_most=0 if tuning.order.travel_mm else machine_bounds.free_most_counts(gap),
+        squeeze_most=0 if tuning.order.squeeze_mm else machine_bounds.squeeze_most_counts(gap),
+        counts_per_mm=counts_per_mm, gap=gap,
         seed=order.seed, first=first,
         within=FORCE_TOLERANCE if rubs else MeasuringOrder.within,
         most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),

@@ -134,6 +134,13 @@ class Bank:
         )
 
 
+def low_pass(hz: float) -> tuple[float, float, float, float, float]:
+    """Returns the second-order section of a first-order low pass with the gain 1 at frequency 0.
+    `hz`: corner frequency in Hz, above 0 and below half the tick rate."""
+    keeps = math.exp(-2 * math.pi * hz * TICK_S)
+    return 1 - keeps, 0.0, 0.0, -keeps, 0.0
+
+
 def series(front: StateSpace, back: StateSpace) -> StateSpace:
     """Returns the series connection of two systems (A, B, C, D) with one input each. The output of
     the system `front` is the input of the system `back`."""
