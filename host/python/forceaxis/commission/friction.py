@@ -68,6 +68,9 @@ FORCE_ERROR_MIN = 0.06
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
 KNOTS = 3  # number of forces at which the compliance may change
+# A compliance that changes with the force is assumed if the sum of the squares of the errors is
+# below this share of that with a constant compliance. Stick-slip of the guide reduces it less.
+BENT_SHARE = 0.3
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
@@ -551,11 +554,11 @@ def block_means(values: Samples) -> Samples:
     return np.asarray(values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1))
 
 
-def play_operator(force: Samples, half: float) -> Samples:
+def play_operator(force: Samples, half: float, begin: float = 1.0) -> Samples:
     """Returns the force in N that is transmitted if Coulomb friction of `half` N acts against
-    `force` (play operator). Before the first sample, the friction slid in the positive
-    direction."""
-    left, now = np.empty(len(force)), force[0] - half
+    `force` (play operator). `begin`: part of the friction that acts against the first force, from
+    -1 to 1. It is 1 if the body slid in the positive direction before."""
+    left, now = np.empty(len(force)), force[0] - begin * half
     for i, one in enumerate(force):
         now = min(max(now, one - half), one + half)
         left[i] = now
@@ -580,7 +583,7 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
         rubs, c_all, creep, creep_s = False, late.at_once, late.creep, late.creep_s
     sticks = bool(not rubs and not relaxes and rigid and c_all < 1.15 * rigid)
     softest_N, softest = _softest(
-        F, x - (c_slide * (play_operator(F, half) - F) if rubs else 0.0), low, high
+        F, x - (c_slide * (play_operator(F, half, one.begin) - F) if rubs else 0.0), low, high
     )
     friction = half if rubs else ((high - low) / 2 if sticks else 0.0)
     return SlowLoading(
@@ -594,13 +597,15 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
 class _Loop:
     """The dry friction that explains different positions at rising and falling force best.
 
-    half: the friction in N. stuck, slides: compliance in counts/N of the parts that always move,
-    and of those behind the friction. whole: compliance of all parts without friction. left,
-    without: sum of the squares of the errors of the position, with and without friction. bends:
-    smallest and largest compliance behind the friction, divided by `slides`.
+    half: the friction in N. begin: as for play_operator(). stuck, slides: compliance in counts/N of
+    the parts that always move, and of those behind the friction. whole: compliance of all parts
+    without friction. left, without: sum of the squares of the errors of the position, with and
+    without friction. bends: smallest and largest compliance behind the friction, divided by
+    `slides`.
     """
 
     half: float
+    begin: float
     stuck: float
     slides: float
     whole: float
@@ -630,33 +635,43 @@ def _simplest(found: Sequence[Slow]) -> Slow:
     """Returns the result with a constant stiffness, or the one with a stiffness that depends on the
     force, if this clearly reduces the error. `found`: these two results."""
     straight, bent = found
-    return bent if bent.left < (1 - ERROR_REDUCTION_MIN) * straight.left else straight
+    return bent if bent.left < BENT_SHARE * straight.left else straight
 
 
 def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
     """Fits dry friction to block means of force in N and position in encoder counts."""
 
-    def fitted(half: float) -> tuple[float, float, Samples]:
+    def fitted(half: float, begin: float = 1.0) -> tuple[float, float, Samples]:
         """Sum of the squares, compliance before the friction, and behind it between the knots."""
-        through = play_operator(F, half) if half else F
+        through = play_operator(F, half, begin) if half else F
         table = np.column_stack([np.ones(len(F)), *([F] if half else []), _curve(through, knots)])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
         stuck = float(solved[1]) if half else 0.0
         return float(np.sum((table @ solved - x) ** 2)), stuck, np.cumsum(solved[-knots - 1 :])
 
-    def size(half: float) -> float:
-        error, stuck, behind = fitted(half)
-        return error * (1.0 if min(stuck, behind.mean()) > 0 else 4.0)
+    def size(at: Sequence[float]) -> float:
+        error, stuck, behind = fitted(*at)
+        return error * (1.0 if min(stuck, *behind) > 0 else 4.0)
 
-    grid = np.linspace(0.004, 0.49, 60) * float(np.percentile(F, 98) - np.percentile(F, 2))
-    i = int(np.argmin([size(half) for half in grid]))
-    ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
-    half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
+    span = float(np.percentile(F, 98) - np.percentile(F, 2))
+    halves, begins = np.linspace(0.004, 0.49, 60) * span, np.linspace(-1.0, 1.0, 5)
+    start = min(itertools.product(halves, begins), key=size)
+    found = optimize.minimize(
+        size, start, method="Nelder-Mead", bounds=((halves[0], halves[-1]), (-1.0, 1.0)),
+        options={"initial_simplex": _corners(start, halves[1] - halves[0]), "xatol": 1e-4},
+    )  # fmt: skip
+    half, begin = map(float, found.x)
     without, _, whole = fitted(0.0)
-    left, stuck, behind = fitted(half)
+    left, stuck, behind = fitted(half, begin)
     slides = float(behind.mean())
     bends = float(behind.min()) / slides, float(behind.max()) / slides
-    return _Loop(half, stuck, slides, float(whole.mean()), left, without, bends)
+    return _Loop(half, begin, stuck, slides, float(whole.mean()), left, without, bends)
+
+
+def _corners(start: tuple[float, float], step: float) -> Samples:
+    """Returns the corners of the first simplex of a search for friction and its first state."""
+    half, begin = start
+    return np.array([start, (half + step, begin), (half, begin - math.copysign(0.3, begin))])
 
 
 def _curve(force: Samples, knots: int) -> Samples:
