@@ -277,6 +277,7 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
         table = tomlkit.parse(work.refused.lines)["friction"]
         assert table[0]["coulomb"] == pytest.approx(40.0, rel=0.3)
         model = known / "model.toml"
+        assert "table_friction" in linear.facts(work.refused.model).switches
         model.write_text(model.read_text() + "\n" + work.refused.lines)
         work = tuning(known, axis, tmp_path / "out", said.append)
         assert "changed since the last run: the model; results kept: free, measure" in said[0]

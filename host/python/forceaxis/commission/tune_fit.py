@@ -596,6 +596,7 @@ def _workpiece(
                 f"law is designed for masses from 1/{UNKNOWN_MASS_FACTOR:g} to "
                 f"{UNKNOWN_MASS_FACTOR:g} times the mass in the model",
                 friction_models.toml_lines(frictions),
+                friction_models.with_friction(tuning.given, frictions),
             )  # fmt: skip
         found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD, True)
     return {name: prior for name, prior in found.items() if name not in given}
