@@ -254,6 +254,45 @@ def test_the_peak_of_S_is_the_largest_of_a_fine_grid(tmp_path, share):
     assert loop.peak(gain) == pytest.approx(max(sizes), rel=2e-8)
 
 
+def test_a_slow_sensor_has_the_figures_of_all_codes_of_a_period(tmp_path):
+    """4 samples and 75 codes in a period: S, its component and poles from matrices of all codes,
+    and Ms from fewer than a third of so many directions."""
+    loop = force_loop(model(tmp_path, (80, "1", "1", 1)), "pi", integral_rad_per_s=5.0)
+    gain = loop.limit().gain / 3
+    codes = loop.codes
+    A, B = (getattr(loop.whole, name).astype(float) for name in "AB")
+    C, D = (getattr(loop.whole, name)[:codes].astype(float) for name in "CD")
+    share = gain * np.linalg.inv(np.eye(codes) + gain * D)
+    closed = A - B @ share @ C
+    assert loop.decay(gain) == pytest.approx(
+        -math.log(abs(np.linalg.eigvals(closed)).max()) / loop.dt, rel=1e-7
+    )
+    hz = np.geomspace(0.05, 9.9, 60)
+    largest, mixed = [], []
+    for at in hz:
+        z = np.exp(2j * math.pi * at * loop.dt)
+        L = D + C @ np.linalg.solve(z * np.eye(len(A)) - A, B)
+        S = np.linalg.inv(np.eye(codes) + gain * L)
+        turned = np.exp(2j * math.pi * at * loop.dt / codes * np.arange(codes))
+        largest.append(np.linalg.norm(S, 2))
+        mixed.append(turned.conj() @ S @ turned / codes)
+    found = loop._sensitivity(gain).at(hz)
+    assert np.linalg.norm(found, 2, axis=(1, 2)) == pytest.approx(largest, rel=1e-9)
+    assert np.all(abs(loop.sensitivity_at(gain, hz) - mixed) < 1e-9)
+    assert codes == 75 and loop.directions.shape[1] < codes / 3
+
+
+def test_figures_that_are_not_needed_are_left_out(tmp_path):
+    for sensor in ((1000, None, "3", 1), (1500, "0", "1", 1)):
+        loop = force_loop(model(tmp_path, sensor))
+        gain = loop.limit().gain / 2
+        every = over.figures(loop, gain)
+        some = over.figures(loop, gain, ("Ms", "gain_margin"))
+        assert (some.stable, some.Ms, some.gain_margin) == (True, every.Ms, every.gain_margin)
+        assert (some.fS_Hz, some.fT_Hz, some.phase_margin_deg) == (None, None, None)
+        assert every.fS_Hz and every.phase_margin_deg
+
+
 def test_what_cannot_know_the_samples_refuses(tmp_path):
     path = model(tmp_path, (1000, None, "3", 1))
     with pytest.raises(_core.InputError, match=r"adc\.sample_rate: .* samples at each tick"):

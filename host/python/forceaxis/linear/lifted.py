@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,17 @@ class Samples:
 
     def newest(self, tick: int) -> int:
         """Returns the number of the newest sample that has arrived at the tick `tick`."""
-        return math.floor((tick - self.latency - self.phase) / self.every)
+        unit, every, arrives = self._whole
+        return (unit * tick - arrives) // every
+
+    @cached_property
+    def _whole(self) -> tuple[int, int, int]:
+        """Returns (number of units in a tick, `every`, arrival of sample 0), the last two in this
+        unit. All are whole numbers, because arithmetic with fractions takes most of the time of a
+        lifted model."""
+        arrives = self.phase + self.latency
+        unit = math.lcm(self.every.denominator, arrives.denominator)
+        return unit, int(unit * self.every), int(unit * arrives)
 
     def phases(self, cycle_ticks: int) -> "Iterator[Samples]":
         """Yields sample times with other phases relative to the ticks. Samples and bus cycles can
@@ -263,6 +274,7 @@ class _Period:
         self.counts = [counted[i : i + 1] for i in range(counts)]
         self.taken = {i - len(taken): taken[i : i + 1] for i in range(len(taken))}
         self.next_sample = 0
+        self._expect()
 
     def lifted(self) -> Lifted:
         """Returns the linear model of the force loop over one period."""
@@ -312,7 +324,7 @@ class _Period:
     def _reading(self, tick: int) -> Matrix:
         if self.samples is None:
             return self.plant.force @ self.x
-        if self.samples.instant(self.next_sample) == tick:
+        if self.next_tick == tick and not self.next_share:
             if self.filter:
                 none = np.zeros_like(self.filter.chain)
                 self._take(self.filter.sample(Fraction(0), none))
@@ -323,6 +335,13 @@ class _Period:
     def _take(self, value: Matrix) -> None:
         self.taken[self.next_sample] = value
         self.next_sample += 1
+        self._expect()
+
+    def _expect(self) -> None:
+        """Computes the tick before the next sample, and the share of a tick from there to it."""
+        instant = self.samples.instant(self.next_sample) if self.samples else Fraction(0)
+        self.next_tick = math.floor(instant)
+        self.next_share = instant - self.next_tick
 
     def _code(self, tick: int) -> Matrix:
         """Returns the DAC code of the bus cycle that begins at the tick `tick`."""
@@ -337,8 +356,8 @@ class _Period:
         between the two ticks."""
         cycle = self.bus.cycle_ticks
         sent = self.sent[tick // cycle - (tick - self.bus.delay_ticks_out) // cycle]
-        while self.samples and self.samples.instant(self.next_sample) < tick + 1:
-            share = self.samples.instant(self.next_sample) - tick
+        while self.samples and self.next_tick == tick:
+            share = self.next_share
             if self.filter:
                 self._take(self.filter.sample(share, self._moments(share, sent)))
             else:
@@ -347,7 +366,11 @@ class _Period:
         if self.filter:
             whole = Fraction(1)
             self.filter.chain = self.filter.moved(whole, self._moments(whole, sent))
-        self.x = self.plant.A @ self.x + self.plant.B @ sent
+        # Codes of later cycles and the set-point do not act on the plant in this tick.
+        known = self.size + tick // cycle + 1
+        moved = np.zeros_like(self.x)
+        moved[:, :known] = self.plant.A @ self.x[:, :known] + self.plant.B * sent[:, :known]
+        self.x = moved
 
     def _moments(self, share: Fraction, sent: Matrix) -> Matrix:
         """Returns the moments of the force over the first part of a tick. `share`: length of this

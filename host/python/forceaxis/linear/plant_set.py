@@ -8,6 +8,7 @@ import math
 import random
 from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from forceaxis.errors import ParameterError
@@ -31,7 +32,7 @@ class Member:
     values: dict[str, float] = field(default_factory=dict)
     modes: dict[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def key(self) -> Hashable:
         """Key of the plant for a dict. Equal plants have equal keys."""
         return tuple(sorted(self.values.items())), tuple(sorted(self.modes.items()))

@@ -107,6 +107,7 @@ class Responses:
         self._model = _core.ModelFile(find_model(plants.model))
         self._grids: dict[Hashable, _core.LawGrid] = {}
         self._loops: dict[Hashable, Loop] = {}
+        self._rows: dict[Hashable, list[list[float]]] = {}
 
     def loop(self, member: Member, timing: str, spec: LoopSpec) -> Loop:
         """Returns the force loop around one plant with the delay `timing`. Filter banks that differ
@@ -129,6 +130,17 @@ class Responses:
                 self._model, self.plants, [member], self.timings, all_phases=self._all
             )
         return self._grids[key]
+
+    def precise(
+        self, member: Member, law: _core.LawShape, key: tuple[Hashable, float]
+    ) -> list[list[float]]:
+        """Returns the row of _core.LawGrid.precise() with each delay for one plant. `key`: (what
+        defines the law, its gain in DAC codes per 8-bit count). All delays are computed together,
+        so that the search with another delay takes the same rows."""
+        whole = member.key, key
+        if whole not in self._rows:
+            self._rows[whole] = self.of(member).precise(law, [key[1]])[0].tolist()
+        return self._rows[whole]
 
     @property
     def is_exact(self) -> bool:
@@ -186,7 +198,7 @@ class PreciseLoops:
         """Returns the bandwidths and margins of each plant with each delay of `timings`. The entry
         of a loop is None if the command does not act on the force, or if the loop is not known to
         be stable."""
-        law = law_shape(self.bank)
+        law, shape = law_shape(self.bank), (self.bank.integral_rad_per_s, self.bank.sections)
         delays = [self.responses.timings.index(timing) for timing in self.timings]
         found: list[list[Figures | None]] = []
         for member in members:
@@ -197,7 +209,7 @@ class PreciseLoops:
             gain = self.bank.force_gain
             if self.gain is not None:
                 gain = self.gain / grid.count_per_code(0)
-            rows = grid.precise(law, [gain])[0].tolist()
+            rows = self.responses.precise(member, law, (shape, gain))
             found.append([_figures(rows[delay]) for delay in delays])
         return found
 
