@@ -1,22 +1,24 @@
 """The last step of the creation of a new axis: designs a filter bank for the axis, and writes an
 experiment in which the axis makes contact with this bank."""
 
+import contextlib
+import functools
 import itertools
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import tomlkit
 
 from forceaxis import _core
 from forceaxis.design import experiment_file, friction, reduced, sets, simulate
-from forceaxis.design.cases import SimulatedContact, unstable, why
+from forceaxis.design.cases import SimulatedContact, why
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import Goal, hf_of_noise
 from forceaxis.design.new import CONTACT, MODEL, BankForAxis, NoBank
 from forceaxis.design.reduced import ShortSearch
-from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, ContactBench, Plant
+from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, Contact, ContactBench, Plant
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
@@ -26,6 +28,7 @@ GAIN_SHARES = (1.0, 0.7, 0.5)  # gains to try, as shares of the designed gain
 LOSSES_MAX = (1, 3)
 # Number of simulated plants with random friction, and seed of their random numbers.
 RANDOM_FRICTIONS, SEED = 3, 1988
+GROUP_MAX = 12  # largest number of contacts that are simulated together
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
@@ -49,7 +52,7 @@ def _approach(folder: Path, count_per_s: int) -> Path:
     given speed in encoder counts per second."""
     contact = experiment_file.document(folder / CONTACT)
     contact.setdefault("firmware", {}).update(approach_velocity_max=count_per_s)
-    path = folder / "approach.toml"
+    path = folder / f"approach_{count_per_s}.toml"
     path.write_text(tomlkit.dumps(contact), encoding="utf-8")
     return path
 
@@ -103,58 +106,102 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     """Returns the first combination of approach speed, limits after a contact loss, and gain with
     which the simulated contacts settle. Raises InputError if there is no such combination."""
     scale = abs(plant.facts.required_encoder.scale)
-    fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
-    rubs = bool(ContactBench(plant, bits).frictions)
-    # Plant on which an earlier combination did not settle. It is simulated first.
-    hard: Plant = {}
+    first = ContactBench(plant, bits)
+    fastest, rubs = first.cases[0].speed_m_per_s, bool(first.frictions)
     # First combination that settles only after more than LOSSES_MAX[0] contact losses.
     spare: SettledContact | None = None
-    # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
-    # The axis may stay at standstill with contact_loss_cap = 0.
-    for stands, gain, share in itertools.product(
-        (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
-    ):
-        bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
-        speed = share * fastest
-        with Design(_approach(folder, max(1, round(speed * scale)))) as slower:
-            bench = ContactBench(slower, bits)
-            bench.wait_for(designed)
-            bench.losses_max = LOSSES_MAX[-1]
-            plants: list[Plant] = [{}, *friction.members(bench.frictions)]
-            plants += friction.drawn(bench.frictions, RANDOM_FRICTIONS, SEED) if rubs else []
-            for loss in _losses(bench, speed, stands):
-                plants.sort(key=lambda plant: plant != hard)
-                rows = _contacts(bench, bank, plants, loss)
-                if bad := unstable(rows):
-                    last, hard = bad[0], bad[0].member
+    # Contacts that ended earlier combinations, as indices of _Trials.contacts. They come first.
+    hard: list[int] = []
+    with contextlib.ExitStack() as stack:
+
+        @functools.cache
+        def trials_at(speed_m_per_s: float) -> _Trials:
+            count_per_s = max(1, round(speed_m_per_s * scale))
+            slower = stack.enter_context(Design(_approach(folder, count_per_s)))
+            return _Trials.of(slower, bits, designed)
+
+        # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
+        # The axis may stay at standstill with contact_loss_cap = 0.
+        for stands, gain, share in itertools.product(
+            (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
+        ):
+            bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
+            speed = share * fastest
+            trials = trials_at(speed)
+            for loss in _losses(trials.bench, speed, stands):
+                # A second combination with more contact losses would not be chosen.
+                rows = trials.contacts_until(bank, loss, hard, LOSSES_MAX[0 if spare else -1])
+                if rows is None:
                     continue
-                losses = max(row.losses for row in rows if ", strike" not in row.case)
-                text = _text(bench, bank, loss, max(losses, LOSSES_MAX[0]))
+                losses = max(row.losses for row in rows if row.losses_max is not None)
+                text = _text(trials.bench, bank, loss, max(losses, LOSSES_MAX[0]))
                 found = SettledContact(bank, text, speed)
                 if losses <= LOSSES_MAX[0]:
                     return found
                 spare = spare or found
-    if spare:
-        return spare
-    raise _core.InputError(
-        "simulation: expected a contact force that settles, but the force does not settle even at "
-        f"an approach speed of {1e3 * speed:.3g} mm/s and {gain:g} times the designed gain "
-        f"({last.case}: {why(last)}); "
-        f"{bench.remedy(last)}"
-    )
+        if spare:
+            return spare
+        (last,) = trials.simulated(bank, loss, hard[:1])
+        raise _core.InputError(
+            "simulation: expected a contact force that settles, but the force does not settle even "
+            f"at an approach speed of {1e3 * speed:.3g} mm/s and {gain:g} times the designed gain "
+            f"({last.case}: {why(last)}); "
+            f"{trials.bench.remedy(last)}"
+        )
 
 
-def _contacts(
-    bench: ContactBench, bank: Bank, plants: Sequence[Plant], loss: Mapping[str, int]
-) -> list[SimulatedContact]:
-    """Simulates the contacts of a bench on one plant after the other, and returns them. Ends after
-    the first plant with a contact that is not stable."""
-    rows: list[SimulatedContact] = []
-    for member in plants:
-        rows += simulate.simulate(bench, bank, [member], (0, 1), loss, os.cpu_count() or 1)
-        if unstable(rows):
-            break
-    return rows
+@dataclass(frozen=True)
+class _Trials:
+    """The contacts of a new axis at one approach speed, and their simulation. `contacts` has the
+    same order at each approach speed."""
+
+    bench: ContactBench
+    contacts: Sequence[Contact]
+    experiments: _core.Experiments = field(default_factory=_core.Experiments)
+
+    @staticmethod
+    def of(design: Design, bits: int, bank: Bank) -> "_Trials":
+        """Returns the contacts for the approach speed of a design. The simulated time is sufficient
+        for the integral action of `bank`."""
+        bench = ContactBench(design, bits)
+        bench.wait_for(bank)
+        bench.losses_max = LOSSES_MAX[-1]
+        plants: list[Plant] = [{}, *friction.members(bench.frictions)]
+        if bench.frictions:
+            plants += friction.drawn(bench.frictions, RANDOM_FRICTIONS, SEED)
+        return _Trials(bench, list(itertools.product(bench.cases, plants, (0, 1))))
+
+    def simulated(
+        self, bank: Bank, loss: Mapping[str, int], indices: Sequence[int]
+    ) -> list[SimulatedContact]:
+        """Simulates some contacts with a filter bank. `indices`: positions in `contacts`."""
+        some = [self.contacts[i] for i in indices]
+        return simulate.simulate_contacts(
+            self.bench, bank, some, loss, os.cpu_count() or 1, experiments=self.experiments
+        )
+
+    def contacts_until(
+        self, bank: Bank, loss: Mapping[str, int], hard: list[int], losses_max: int
+    ) -> list[SimulatedContact] | None:
+        """Simulates the contacts with a filter bank, and returns them. Returns None after the first
+        contact that is not stable, or that is lost more than `losses_max` times.
+
+        `hard`: contacts that are simulated first. A contact that ends the simulation becomes the
+        first of them. The contacts are simulated in groups, which become larger, because mostly one
+        of the first contacts ends the simulation.
+        """
+        order = [*hard, *(i for i in range(len(self.contacts)) if i not in hard)]
+        rows: list[SimulatedContact] = []
+        while len(rows) < len(order):
+            some = order[len(rows) : 2 * len(rows) + 1][:GROUP_MAX]
+            found = self.simulated(bank, loss, some)
+            for i, row in zip(some, found, strict=True):
+                if row.is_stable and (row.losses_max is None or row.losses <= losses_max):
+                    continue
+                hard[:] = [i, *(other for other in hard if other != i)]
+                return None
+            rows += found
+        return rows
 
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:

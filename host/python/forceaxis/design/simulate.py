@@ -47,6 +47,7 @@ from forceaxis.results import to_json
 
 Job = tuple[str, list[str]]  # one simulated run: (experiment, texts NAME=VALUE)
 Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty for the nominal plant
+Contact = tuple[ContactCase | NamedCase, Plant, int]  # one contact: case, plant, latency in ticks
 
 # Force set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
@@ -577,23 +578,34 @@ def simulate(
 ) -> list[SimulatedContact]:  # fmt: skip
     """Simulates all contacts of a bench with a filter bank, on each plant of `members` and with
     each latency. The user's own experiment is simulated on the nominal plant only."""
-    keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
-    jobs, most = [], []
-    for case in bench.cases:
-        for member in members:
-            for latency in latencies:
-                keys.append((case, member, latency))
-                jobs.append(bench.job(case, bank, member, latency, loss))
-                most.append(bench.losses_permitted(case))
+    every: list[Contact] = [
+        (case, member, latency)
+        for case in bench.cases for member in members for latency in latencies
+    ]  # fmt: skip
     if bench.own is not None:
-        keys += [(NamedCase(bench.own.stem), {}, t) for t in latencies]
-        jobs += [bench.own_job(bench.own, bank, t, loss) for t in latencies]
-        most += [None for _ in latencies]
+        every += [(NamedCase(bench.own.stem), {}, t) for t in latencies]
+    return simulate_contacts(bench, bank, every, loss, threads, law)
+
+
+def simulate_contacts(
+    bench: ContactBench, bank: Bank, contacts: Sequence[Contact],
+    loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
+    experiments: _core.Experiments | None = None,
+) -> list[SimulatedContact]:  # fmt: skip
+    """Simulates some contacts of a bench with a filter bank. `experiments`: as in run()."""
+    jobs, most = [], []
+    for case, member, latency in contacts:
+        if isinstance(case, ContactCase):
+            jobs.append(bench.job(case, bank, member, latency, loss))
+            most.append(bench.losses_permitted(case))
+        else:
+            assert bench.own is not None
+            jobs.append(bench.own_job(bench.own, bank, latency, loss))
+            most.append(None)
+    runs = run(jobs, threads, experiments)
     return [
         simulated_contact(law, case.name, member, latency, one, losses_max)
-        for (case, member, latency), one, losses_max in zip(
-            keys, run(jobs, threads), most, strict=True
-        )
+        for (case, member, latency), one, losses_max in zip(contacts, runs, most, strict=True)
     ]
 
 
