@@ -2,11 +2,12 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from forceaxis import _core, paths
-from forceaxis.design import certificate, search, structures
+from forceaxis.design import certificate, own_axis, search, structures
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
 from forceaxis.linear.loops import LoopSpec
@@ -208,6 +209,60 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     lowered, figures = certificate.exact(Responses(plants, goal.timings), grid, bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures.gain_margin < 2.5 or 2.1 < figures.Ms_late <= 2.2
+
+
+def test_a_gain_above_the_one_that_the_gain_margin_permits_is_not_tried(laboratory, monkeypatch):
+    """The product of gain and gain margin is 13 at each gain, and Ms is small. So the first gain
+    says that the largest one is 13 / 2.3, and the second one keeps the margins."""
+    plants, grid = laboratory
+    tried = []
+
+    def worst(searches, *_):
+        (bank,) = {search.gain for search in searches.values()}
+        tried.append(bank)
+        return {"zoh": over.Worst(True, 5.0, 9.0, 1.5, 13 / bank, 40.0)}
+
+    monkeypatch.setattr(certificate, "_worst_of", worst)
+    monkeypatch.setattr(
+        certificate, "_searches", lambda _, bank: {"zoh": SimpleNamespace(gain=bank.force_gain)}
+    )
+    goal, bank = search.Goal(timings=("zoh",)), structures.bank(NUMBERS, 7.0).quantised()
+    found, _ = certificate.exact(Responses(plants, ("zoh",)), grid, bank, goal)
+    assert 0.98 * 13 / 2.3 < found.force_gain <= 13 / 2.3
+    assert list(dict.fromkeys(tried)) == [pytest.approx(0.995 * 7, rel=1e-2), found.force_gain]
+
+
+def test_an_integral_that_reduces_the_error_needs_no_loop(monkeypatch):
+    """The other plants are looked at: an integral that acts the other way, two integrals, and one
+    beside a pole at a frequency below the grid."""
+    poles = np.array([-1e-12, -40.0 + 300j, -40.0 - 300j])
+    doubtful, response = np.array([True, False, False]), np.array([0.3 - 2j, 0.1 - 1j])
+    assert search._integrates(poles, doubtful, response)
+    assert not search._integrates(poles, doubtful, response.conj())
+    assert not search._integrates(np.array([0.0, 0.0, -40.0]), poles.real > -30, response)
+    assert not search._integrates(np.array([0.0, -0.01, -40.0]), doubtful, response)
+    assert not search._integrates(poles - 1e-3, doubtful, response)
+
+
+@pytest.mark.parametrize("losses_max", [3, 1])
+def test_the_contact_that_failed_last_is_simulated_first(monkeypatch, losses_max):
+    """Of 40 contacts of a new axis, contact 17 is lost twice, and contact 30 is not stable."""
+    simulated = []
+
+    def rows(_bench, _bank, contacts, *_, **__):
+        simulated.extend(contacts)
+        return [
+            SimpleNamespace(is_stable=i != 30, losses=2 * (i == 17), losses_max=4) for i in contacts
+        ]
+
+    monkeypatch.setattr(own_axis.simulate, "simulate_contacts", rows)
+    trials, hard, fails = own_axis._Trials(None, range(40)), [], 30 if losses_max == 3 else 17
+    assert trials.contacts_until(None, {}, hard, losses_max) is None
+    assert hard == [fails] and simulated[0] == 0 and fails in simulated
+    simulated.clear()
+    assert trials.contacts_until(None, {}, hard, losses_max) is None and simulated == [fails]
+    other = own_axis._Trials(None, range(17))
+    assert len(other.contacts_until(None, {}, [5], losses_max)) == 17
 
 
 def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):

@@ -155,7 +155,7 @@ def exact(
     gain as soon as a gain that is too large has no more bandwidth: smaller gains have less."""
     bank = lowered(bank, first)
     kept: tuple[Bank, Searches] | None = None
-    failed = math.inf  # smallest gain that does not keep the bounds
+    failed = math.inf  # smallest gain that is known not to keep the bounds
     margins = ["Ms", "gain_margin"] + ["phase_margin_deg"] * bool(goal.phase_margin_deg)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
@@ -163,12 +163,14 @@ def exact(
         searches = _searches(responses, bank)
         found = _worst_of(searches, goal, accuracy, margins)
         factor = min(_factor(w, goal, t, accuracy != "exact") for t, w in found.items())
+        most = bank.force_gain * _room(found.values(), goal)
         if factor >= 1:
             kept = bank, searches
-            if bank.force_gain >= GAIN_NEAR * failed or failed == math.inf:
+            if failed == math.inf or bank.force_gain >= GAIN_NEAR * min(failed, most):
                 break
+            failed = min(failed, most)
         else:
-            failed = bank.force_gain
+            failed = min(bank.force_gain, most)
             if not kept and least_Hz and _is_slower(searches.values(), accuracy, least_Hz):
                 break
         if kept:
@@ -184,6 +186,13 @@ def exact(
         return replace(bank, force_gain=0.0), None
     bank, searches = kept
     return bank, _figures(_worst_of(searches, goal, accuracy), grid, bank)
+
+
+def _room(found: Iterable[over.Worst], goal: Goal) -> float:
+    """Returns the factor by which the gain may change until the worst gain margin is that of the
+    goal. The product of gain and gain margin does not depend on the gain."""
+    margins = [worst.gain_margin for worst in found if worst.gain_margin is not None]
+    return min(margins, default=math.inf) / goal.gain_margin
 
 
 def _is_slower(searches: Iterable[over.WorstSearch], accuracy: Accuracy, least_Hz: float) -> bool:

@@ -5,14 +5,14 @@ values. The bandwidth is some per cent below that from `search`. A set of plants
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from forceaxis.design import certificate, search, structures
 from forceaxis.design.certificate import WorstFigures
-from forceaxis.design.grid import THIN, Goal, Samples
+from forceaxis.design.grid import THIN, Bounds, Goal, Samples
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 from forceaxis.linear.precise import Responses
@@ -25,6 +25,8 @@ PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes f
 # limited_by() multiplies or divides a bound by BOUND_FACTOR.
 # The bound limits the bandwidth if this changes the bandwidth by more than BANDWIDTH_RATIO_MIN.
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
+# A bound that alone would permit NEAR_FACTOR times the gain does not limit the bandwidth.
+NEAR_FACTOR = 1.1
 # Smallest integral rate of a law as a share of the bandwidth of the PI law.
 # With a smaller integral rate, a static error disappears too slowly.
 INTEGRAL_MIN = 0.15
@@ -134,8 +136,15 @@ class ShortSearch:
             "ms": replace(own, ms=tuple(BOUND_FACTOR * ms for ms in own.ms)),
             "gm": replace(own, gain_margin=own.gain_margin / BOUND_FACTOR),
         }
-        reached = {}
-        for name, self.inner.bounds in wider.items():
+        loose = replace(own, hf_gain=math.inf, ms=(1e3,) * len(own.ms), gain_margin=1e-3)
+        alone = {
+            "hf": replace(loose, hf_gain=own.hf_gain),
+            "ms": replace(loose, ms=own.ms),
+            "gm": replace(loose, gain_margin=own.gain_margin),
+        }
+        reached = dict.fromkeys(wider, 0.0)
+        for name in self._near(found.numbers, alone):
+            self.inner.bounds = wider[name]
             reached[name] = self.inner.evaluate(self._polished(found.numbers))[0]
         self.inner.bounds = own
         name = max(reached, key=reached.__getitem__)
@@ -150,12 +159,15 @@ class ShortSearch:
                 f"The gain at high frequency ({own.hf_gain:.3g} codes per 8-bit count) is the "
                 f"limit: {self.goal.hf_cure()}."
             )
-        loose = replace(own, hf_gain=math.inf, ms=(1e3,) * len(own.ms), gain_margin=1e-3)
-        only = (
-            replace(loose, ms=own.ms) if name == "ms"
-            else replace(loose, gain_margin=own.gain_margin)
-        )  # fmt: skip
-        return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
+        return certificate.sentence(self.grid, found.bank, 1.0, alone[name], self.goal.hf_cure())
+
+    def _near(self, numbers: Samples, alone: Mapping[str, Bounds]) -> list[str]:
+        """Returns the names of those bounds that permit nearly the smallest gain of all bounds.
+        `numbers`: those of the law. `alone`: {name: bounds of which only one is finite}."""
+        unit = structures.bank(numbers, 1.0)
+        steep = self.inner.hf_gain(unit)
+        gains = {n: self.grid.largest_gain(unit, steep, one).gain for n, one in alone.items()}
+        return [n for n, gain in gains.items() if gain <= NEAR_FACTOR * min(gains.values())]
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
         """Returns start values of the search as logarithms. Some laws have zeros at antiresonances

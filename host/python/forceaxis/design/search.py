@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
 from forceaxis import _core
@@ -20,7 +21,15 @@ from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
 from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.certificate import P, Row, WorstFigures
-from forceaxis.design.grid import LOWEST_HZ, POLE_ROUNDING_PER_S, THIN, Goal, Grid, Samples
+from forceaxis.design.grid import (
+    LOWEST_HZ,
+    POLE_ROUNDING_PER_S,
+    THIN,
+    Goal,
+    Grid,
+    Response,
+    Samples,
+)
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
@@ -60,6 +69,8 @@ LOWEST_FACTORS = (1.5, 0.5, 1.0)
 SURELY_STABLE = 1e-6
 # A loop is stable at the smallest gain of the firmware if its poles decay faster than this.
 SLOWEST_DECAY_PER_S = 1e-6
+# Smallest ratio of the frequencies of other poles to LOWEST_HZ, at which an integral alone acts.
+SLOW_FACTOR = 3.0
 # A plant is evaluated on a full grid if its gain limit is below this multiple of the lowest one.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # for each law, largest number of random plants that are evaluated on a full grid
@@ -401,7 +412,8 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
     """Raises InputError if a plant of a grid is unstable at every gain."""
     for i, member in enumerate(grid.members):
         poles = grid.core.poles(i)
-        if np.all(poles.real < -SURELY_STABLE * np.abs(poles) - POLE_ROUNDING_PER_S):
+        doubtful = poles.real >= -SURELY_STABLE * np.abs(poles) - POLE_ROUNDING_PER_S
+        if not np.any(doubtful) or _integrates(poles, doubtful, grid.core.response(i)):
             continue
         loop = plants.loop(member)
         # The limit of a loop with a slow sensor takes seconds, its poles at one gain do not.
@@ -416,6 +428,21 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
                 f"with a small gain, but this plant is {loop.limit().reason}; add damping to "
                 "the model, or give smaller tolerances"
             )
+
+
+def _integrates(poles: Response, doubtful: NDArray[np.bool_], response: Response) -> bool:
+    """Returns True if the only doubtful pole of a plant is an integral that reduces the force
+    error. At a small gain, this pole alone moves, by the gain times -w Im L at a frequency w far
+    below all other poles. The delay of the loop does not change this. `response`: that of the
+    plant, which begins at LOWEST_HZ."""
+    lowest = 2 * math.pi * LOWEST_HZ
+    others = np.abs(poles[~doubtful])
+    return (
+        np.count_nonzero(doubtful) == 1
+        and float(np.abs(poles[doubtful]).max()) <= POLE_ROUNDING_PER_S
+        and float(others.min(initial=math.inf)) > SLOW_FACTOR * lowest
+        and float(-response[0].imag) * lowest * GAIN_STEP > SLOWEST_DECAY_PER_S
+    )
 
 
 def _final_grid(
