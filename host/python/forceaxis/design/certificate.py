@@ -25,6 +25,8 @@ ATTEMPTS = 12  # largest number of gains for which the exact bandwidth and margi
 FIRST_GAIN_FACTOR = 0.995
 # The search for the largest gain ends when the ratio of a kept gain to a failed gain is this large.
 GAIN_NEAR = 0.98
+# Ratio of the gain that is tried next to the gain at which a bound is expected to be reached.
+EDGE_FACTOR = 0.997
 Accuracy = Literal["exact", "quick", "mean age"]
 Searches = dict[str, over.WorstSearch]  # {delay of the loop: search for the worst plants}
 # largest relative error of quickly computed bandwidths and margins, with a reserve
@@ -155,7 +157,7 @@ def exact(
     gain as soon as a gain that is too large has no more bandwidth: smaller gains have less."""
     bank = lowered(bank, first)
     kept: tuple[Bank, Searches] | None = None
-    failed = math.inf  # smallest gain that is known not to keep the bounds
+    limits = _Limits(goal)
     margins = ["Ms", "gain_margin"] + ["phase_margin_deg"] * bool(goal.phase_margin_deg)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
@@ -163,19 +165,16 @@ def exact(
         searches = _searches(responses, bank)
         found = _worst_of(searches, goal, accuracy, margins)
         factor = min(_factor(w, goal, t, accuracy != "exact") for t, w in found.items())
-        most = bank.force_gain * _room(found.values(), goal)
+        limits.add(bank.force_gain, found, factor >= 1)
         if factor >= 1:
             kept = bank, searches
-            if failed == math.inf or bank.force_gain >= GAIN_NEAR * min(failed, most):
+            if limits.is_near:
                 break
-            failed = min(failed, most)
-        else:
-            failed = min(bank.force_gain, most)
-            if not kept and least_Hz and _is_slower(searches.values(), accuracy, least_Hz):
-                break
+        elif not kept and least_Hz and _is_slower(searches.values(), accuracy, least_Hz):
+            break
         if kept:
             # The last step may have lowered the gain too far, so a larger gain is tried.
-            between = lowered(bank, math.sqrt(kept[0].force_gain * failed) / bank.force_gain)
+            between = lowered(bank, limits.between() / bank.force_gain)
             if between.force_gain <= kept[0].force_gain:
                 break
             bank = between
@@ -188,11 +187,53 @@ def exact(
     return bank, _figures(_worst_of(searches, goal, accuracy), grid, bank)
 
 
-def _room(found: Iterable[over.Worst], goal: Goal) -> float:
-    """Returns the factor by which the gain may change until the worst gain margin is that of the
-    goal. The product of gain and gain margin does not depend on the gain."""
-    margins = [worst.gain_margin for worst in found if worst.gain_margin is not None]
-    return min(margins, default=math.inf) / goal.gain_margin
+@dataclass
+class _Limits:
+    """What the tried gains of a law tell about the largest gain that keeps the bounds of a goal.
+    Each of `kept` and `failed` is (gain, distance of |1 + L| from its bound, below 0 if it does not
+    keep the bound). `kept`: largest gain that keeps the bounds. `failed`: smallest gain that is
+    tried and does not. `most`: gain above which the gain margin is not kept."""
+
+    goal: Goal
+    kept: tuple[float, float] = (0.0, 0.0)
+    failed: tuple[float, float] = (math.inf, 0.0)
+    most: float = math.inf
+
+    def add(self, gain: float, found: Mapping[str, over.Worst], is_kept: bool) -> None:
+        """Adds a gain. `found`: worst margins with each delay of the loop."""
+        distances = [
+            1 / worst.Ms - 1 / self.goal.ms_of(timing) if worst.Ms else -math.inf
+            for timing, worst in found.items()
+        ]
+        if is_kept:
+            self.kept = gain, min(distances)
+        else:
+            self.failed = gain, min(distances)
+        # The product of gain and gain margin does not depend on the gain.
+        margins = [worst.gain_margin for worst in found.values() if worst.gain_margin is not None]
+        self.most = min([self.most, *(gain * one / self.goal.gain_margin for one in margins)])
+
+    def _edge(self) -> float:
+        """Returns the gain at which a bound is expected to be reached, or infinity. The smallest
+        |1 + L| depends on the gain nearly as a straight line."""
+        (low, above), (high, below) = self.kept, self.failed
+        if not 0 <= above < math.inf or not -math.inf < below < 0:
+            return math.inf
+        return low + (high - low) * above / (above - below)
+
+    @property
+    def is_near(self) -> bool:
+        """True if no larger gain has to be tried after a gain that keeps the bounds: it is the
+        first one, or is near to the smallest gain that does not keep the bounds."""
+        gain, failed = self.kept[0], self.failed[0]
+        return failed == math.inf or gain >= GAIN_NEAR * min(failed, self.most, self._edge())
+
+    def between(self) -> float:
+        """Returns the gain that is tried next, between one that keeps the bounds and one that does
+        not."""
+        middle = math.sqrt(self.kept[0] * min(self.failed[0], self.most))
+        edge = EDGE_FACTOR * min(self.failed[0], self.most, self._edge())
+        return edge if self.kept[0] < edge < self.failed[0] else middle
 
 
 def _is_slower(searches: Iterable[over.WorstSearch], accuracy: Accuracy, least_Hz: float) -> bool:

@@ -111,11 +111,14 @@ class _Response:
             found.append((w, bool(apart[i] < 0)))
         return found
 
-    def peak(self) -> float:
-        """Returns the largest |H| over all frequencies. The search starts with the highest |H| on a
-        grid as its level. Then it raises the level until |H| is nowhere above it."""
-        best = max(self.ends())
+    def peak(self, least: float = 0.0) -> float:
+        """Returns the largest |H| over all frequencies, or `least` if that is larger. The search
+        starts with the highest |H| on a grid as its level. Then it raises the level until |H| is
+        nowhere above it."""
+        best = max(*self.ends(), least)
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
+        if least and not np.any(self.size(grid) > best):
+            return float(best)
         for _ in range(20):
             sizes = self.size(grid)
             for i in np.argsort(sizes)[:-4:-1]:
@@ -159,7 +162,11 @@ def figures(loop: Loop, gain: float, names: Collection[str] = tuple(FIGURES)) ->
     margins = loop.margins(gain) if "phase_margin_deg" in names else loop.gain_margins(gain)
     if isinstance(loop, FreeLoop):
         own = [name for name in names if name not in ("gain_margin", "phase_margin_deg")]
-        found = _worst_figures([_of_one_phase(phase, gain, own) for phase in loop.each])
+        phases: list[Figures] = []
+        for phase in loop.each:
+            least = max((one.Ms or 0.0 for one in phases), default=0.0)
+            phases.append(_of_one_phase(phase, gain, own, least))
+        found = _worst_figures(phases)
     else:
         found = _of_one_phase(loop, gain, names)
     return replace(
@@ -168,22 +175,25 @@ def figures(loop: Loop, gain: float, names: Collection[str] = tuple(FIGURES)) ->
     )  # fmt: skip
 
 
-def _of_one_phase(loop: Loop, gain: float, names: Collection[str]) -> Figures:
+def _of_one_phase(
+    loop: Loop, gain: float, names: Collection[str], least_Ms: float = 0.0
+) -> Figures:
     """Returns the bandwidths and Ms of a stable force loop at a gain k in V/N, for one phase of the
-    samples. `names`: as in figures()."""
+    samples. `names`: as in figures(). least_Ms: Ms of another phase, which is returned if it is
+    larger."""
     has_bandwidths = not {"fS_Hz", "fT_Hz"}.isdisjoint(names)
     Ms = fS = None
     if isinstance(loop, PeriodicLoop):
         fS = loop.bandwidth(gain, HALF_POWER) if has_bandwidths else None
-        Ms = loop.peak(gain) if "Ms" in names else None
+        Ms = loop.peak(gain, least_Ms) if "Ms" in names else None
     elif has_bandwidths or "Ms" in names:
         S = _Response(loop.sensitivity(gain))
         if has_bandwidths:
             rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
             fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
-        Ms = S.peak() if "Ms" in names else None
-    if not has_bandwidths:
-        return Figures(True, Ms=Ms)
+        Ms = S.peak(least_Ms) if "Ms" in names else None
+    if "fT_Hz" not in names:
+        return Figures(True, fS, Ms=Ms)
     T = _Response(loop.closed(gain))
     falls = [loop.hz(w) for w, up in T.crossings(HALF_POWER) if not up]
     fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)

@@ -46,6 +46,7 @@ LEVEL_SHARE, ON_AXIS_SHARE, LEVELS_MAX = 1e-8, 1e-3, 30
 # A combination of codes counts as a direction of its own if no other directions describe it up to
 # this share of its size.
 DIRECTION_SHARE_MIN = 1e-13
+FREQUENCIES_AT_ONCE = 150  # number of frequencies at which a search evaluates |S| together
 PHASES = 3  # number of phases for each order of samples and ticks; see Samples.phases()
 # A lower gain limit at other phases is searched only if it can be lower by more than this ratio.
 # For each order of samples and ticks, the search uses at most PARABOLAS_MAX parabolas.
@@ -300,9 +301,10 @@ class PeriodicLoop(Loop):
         assert self.dt is not None
         return _Sensitivity(*self._rounded, self.directions, gain, self.dt)
 
-    def peak(self, gain: float) -> float:
-        """Returns Ms, the largest |S|, at a gain k at which the loop is stable."""
-        return self._sensitivity(gain).peak()
+    def peak(self, gain: float, least: float = 0.0) -> float:
+        """Returns Ms, the largest |S|, at a gain k at which the loop is stable, or `least` if that
+        is larger."""
+        return self._sensitivity(gain).peak(least)
 
     def sensitivity_at(self, gain: float, hz: ArrayLike) -> Matrix:
         """Returns the component of the sensitivity function S at the frequency of the disturbance.
@@ -321,14 +323,14 @@ class PeriodicLoop(Loop):
         top = 0.5 * self.codes / self.dt
         spread = np.geomspace(LOWEST_SHARE * top, top, 6 * POINTS_PER_DECADE)
         grid = np.unique(np.concatenate([self._grid, spread]))
-        values = apart(grid)
-        if values[0] >= 0:
-            return 0.0
-        rises = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
-        if not len(rises):
-            return None
-        i = rises[0]
-        return float(optimize.brentq(lambda hz: float(apart(hz)[0]), grid[i], grid[i + 1]))
+        for first in range(0, len(grid), FREQUENCIES_AT_ONCE):
+            above = np.flatnonzero(apart(grid[first : first + FREQUENCIES_AT_ONCE]) >= 0)
+            if len(above):
+                i = first + int(above[0])
+                if i == 0:
+                    return 0.0
+                return float(optimize.brentq(lambda hz: float(apart(hz)[0]), grid[i - 1], grid[i]))
+        return None
 
 
 class _Sensitivity:
@@ -355,6 +357,9 @@ class _Sensitivity:
         """Returns (z - A)^-1 B for each z, in the basis of the Schur form. `enters`: B in this
         basis, in the shape (1 or number of z, states, columns)."""
         T = self._triangle
+        if len(z) == 1:
+            x = linalg.solve_triangular(z[0] * np.eye(len(T)) - T, enters[0])
+            return np.asarray(x[None])
         x = np.zeros((len(z), len(T), enters.shape[2]), complex)
         for i in range(len(T))[::-1]:
             known = enters[:, i] + np.einsum("j,fjk->fk", T[i, i + 1 :], x[:, i + 1 :])
@@ -380,22 +385,21 @@ class _Sensitivity:
         result = 1 + (result + np.sum((back @ self._leaves) * states, 1)) / codes
         return result
 
-    def peak(self) -> float:
-        """Returns the largest |S| over all frequencies. As in over._Response.peak(), a level is
-        raised until |S| is nowhere above it. The frequencies at which |S| equals the level are
-        eigenvalues of a matrix (Bruinsma and Steinbuch)."""
+    def peak(self, least: float = 0.0) -> float:
+        """Returns the largest |S| over all frequencies, or `least` if that is larger. As in
+        over._Response.peak(), a level is raised until |S| is nowhere above it. The frequencies at
+        which |S| equals the level are eigenvalues of a matrix (Bruinsma and Steinbuch)."""
         one = np.eye(len(self.A))
         # w = (z - 1) / (z + 1), see `boundary`
         inverse = np.linalg.inv(self.A + one)
         A, B, C = inverse @ (self.A - one), 2 * inverse @ self.B, self.C @ inverse
         D = self.D - self.C @ inverse @ self.B
-        poles = np.linalg.eigvals(A)
-        best, marks = 0.0, np.concatenate([np.abs(poles.imag), np.abs(poles)])
+        marks = np.zeros(0)
+        if not least:
+            poles = np.linalg.eigvals(A)
+            marks = np.concatenate([np.abs(poles.imag), np.abs(poles)])
+        best = max(least, self._largest(marks))
         for _ in range(LEVELS_MAX):
-            top = self._largest(marks)
-            if top <= best * (1 + LEVEL_SHARE):
-                return max(top, best)
-            best = top
             level = best * (1 + LEVEL_SHARE)
             inner = np.linalg.inv(level**2 * np.eye(len(D)) - D.T @ D)
             shifted = A + B @ inner @ D.T @ C
@@ -406,6 +410,10 @@ class _Sensitivity:
                 ])
             )  # fmt: skip
             marks = np.abs(roots.imag[np.abs(roots.real) <= ON_AXIS_SHARE * np.abs(roots)])
+            top = self._largest(marks)
+            if top <= level:
+                return max(top, best)
+            best = top
         return best
 
     def _largest(self, marks: Matrix) -> float:
