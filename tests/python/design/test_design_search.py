@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from forceaxis import _core, paths
-from forceaxis.design import certificate, own_axis, search, structures
+from forceaxis.design import certificate, own_axis, search, simulate, structures
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
 from forceaxis.linear.loops import LoopSpec
@@ -263,6 +263,47 @@ def test_the_contact_that_failed_last_is_simulated_first(monkeypatch, losses_max
     assert trials.contacts_until(None, {}, hard, losses_max) is None and simulated == [fails]
     other = own_axis._Trials(None, range(17))
     assert len(other.contacts_until(None, {}, [5], losses_max)) == 17
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_the_limits_after_a_loss_are_those_of_all_impacts(monkeypatch, friction):
+    """Of 200 benches: each contact bears impacts up to a drawn one. The choice has the largest one
+    that all of its contacts bear, then the largest sum; fewer than half of all runs say so."""
+    rng, runs, most = np.random.default_rng(4), 0, 0
+    plants = [{"f": 1.0}, {"f": 2.0}]
+    monkeypatch.setattr(simulate.friction, "members", lambda _: plants if friction else [])
+    factors = simulate.STRIKE_FACTORS
+    for _ in range(200):
+        borne = {}
+
+        def job(case, _bank, plant, latency, loss, borne=borne):
+            key = (tuple(loss.values()), case.setpoint_N, latency, tuple(plant.values()))
+            return borne.setdefault(key, rng.choice([0.0, *factors])), case.strike_N_s / 0.1
+
+        def run(jobs, *_):
+            nonlocal runs
+            runs += len(jobs)
+            return [
+                SimpleNamespace(verdict="stable" if hit <= up_to + 1e-9 else "unstable")
+                for up_to, hit in jobs
+            ]
+
+        monkeypatch.setattr(simulate, "run", run)
+        cases = [simulate.ContactCase(force, 0.01, 0.1) for force in (30.0, 60.0)]
+        bench = SimpleNamespace(
+            press_speed_code=lambda speed, share: round(1e5 * speed * share), cases=cases,
+            frictions=[None] * friction, job=job,
+        )  # fmt: skip
+        loss = simulate.choose_loss(bench, None)
+        choices = list(dict.fromkeys(key[0] for key in borne))
+        found = {c: [up_to for key, up_to in borne.items() if key[0] == c] for c in choices}
+        able = [c for c in choices if c[0] or not friction]
+        best = max(able, key=lambda c: (min(found[c]), sum(found[c])))
+        assert tuple(loss.objects.values()) == best
+        assert loss.strike_N_s == pytest.approx(0.1 * min(found[best]))
+        assert loss.strike_default_N_s == pytest.approx(0.1 * min(found[0, 300]))
+        most += len(borne) * len(factors)
+    assert runs < most / 2
 
 
 def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):

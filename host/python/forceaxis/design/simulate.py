@@ -12,6 +12,7 @@ then larger (see measure_impacts). After an additional impact, the force has to 
 at the set-point.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -619,26 +620,29 @@ def choose_loss(
     plants = friction.members(bench.frictions) or [{}]
     choices = [(cap, dwell) for dwell in DWELLS_MS for cap in caps]
     struck = [c for c in bench.cases if c.strike_N_s]
-    keys = [
-        (choice, case, latency, plant, share)
-        for choice in choices for case in struck for latency in latencies for plant in plants
-        for share in STRIKE_FACTORS
-    ]  # fmt: skip
-    jobs = [
-        bench.job(
-            replace(case, strike_N_s=share * case.strike_N_s), bank, plant, latency,
-            {"contact_loss_cap": choice[0], "contact_loss_dwell": choice[1]},
-        )
-        for choice, case, latency, plant, share in keys
-    ]  # fmt: skip
-    stable = [one.verdict == "stable" for one in run(jobs, threads)]
-    tolerated: dict[tuple[int, int], list[float]] = {choice: [] for choice in choices}
-    for i in range(0, len(keys), len(STRIKE_FACTORS)):
-        ladder = [*stable[i : i + len(STRIKE_FACTORS)], False]
-        survived = ladder.index(False)
-        tolerated[keys[i][0]].append(STRIKE_FACTORS[survived - 1] if survived else 0.0)
+    contacts = list(itertools.product(struck, latencies, plants))
+    # {choice: largest factor that each contact tolerates}
+    tolerated = {choice: [0.0] * len(contacts) for choice in choices}
     # with dry friction, a cap of 0 DAC codes is not chosen
     able = [c for c in choices if c[0] or not bench.frictions]
+    going = [(choice, i) for choice in choices for i in range(len(contacts))]
+    shared = _core.Experiments()
+    for factor in STRIKE_FACTORS:
+        jobs = []
+        for (cap, dwell), i in going:
+            case, latency, plant = contacts[i]
+            harder = replace(case, strike_N_s=factor * case.strike_N_s)
+            loss = {"contact_loss_cap": cap, "contact_loss_dwell": dwell}
+            jobs.append(bench.job(harder, bank, plant, latency, loss))
+        for (choice, i), one in zip(going, run(jobs, threads, shared), strict=True):
+            if one.verdict == "stable":
+                tolerated[choice][i] = factor
+        # A choice with which a contact fails is worse than one with which all go on. Of the
+        # default, only the smallest factor is needed.
+        whole = [choice for choice in choices if min(tolerated[choice]) == factor]
+        able = [choice for choice in able if choice in whole] or able
+        needed = {*able, *(choice for choice in choices[:1] if choice in whole)}
+        going = [(c, i) for c, i in going if c in needed and tolerated[c][i] == factor]
     # Of several equal results, the first one is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
@@ -712,7 +716,11 @@ def safe(
             _expect_contact(bench, bad)
             continue
         loss = choose_loss(bench, tried, latencies, threads)
-        chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
+        chosen = rows
+        given = {name: objects.default(name) for name in loss.objects} | dict(first)
+        # The user's experiment may have other limits than the defaults.
+        if loss.objects != given or bench.own is not None:
+            chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
         # choose_loss() does not simulate all plants. A contact may be unstable on another plant.
         if unstable(chosen):
             loss = replace(
