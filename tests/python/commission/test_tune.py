@@ -33,6 +33,7 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.tune_results import SlowChange
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
 from forceaxis.design.cases import GainCut
@@ -645,6 +646,87 @@ def test_the_law_of_the_measurement_is_damped_on_a_soft_workpiece(tmp_path):
         ) as measures:
             force, _, _ = friction.record_slow_change(measures, 72.0, 468.0)
     assert force.min() > 0.7 * 72.0 and force.max() < 1.1 * 468.0
+
+
+def ready(folder, sheet, forces, force_max_N, overrides=(), say=lambda text: None):
+    """A tuning whose step check is done. The axis is as delivered."""
+    new.write(folder / "axis", *data_sheet.collect({k: str(v) for k, v in sheet.items()}))
+    model = folder / "axis/model.toml"
+    asked = tune.TuningOrder(str(model), forces, OVER, force_max_N=force_max_N)
+    axis = Axis(SimLink(folder / "axis/contact.toml", ["firmware.mode=disabled", *overrides]))
+    axis.acquire()
+    tuning = tune.Tuning(axis, asked, folder / "out", say)
+    tuning.run("check")
+    return tuning
+
+
+def test_a_slow_loop_is_waited_for_in_place_of_a_larger_target(tmp_path):
+    """An integral with a time constant of 20 s: the force is 60 N if nobody is impatient."""
+    tuning = ready(tmp_path, SHEET | TRUTH | {"sensor_noise_n": NOISE_N}, FORCES, FORCE_MAX_N)
+    slow = Bank(0.4, 0.3).quantised()
+    law = tune_measure.objects_of(tuning, tune.CHECK.result(tuning), slow, {})
+    law |= tune_measure.force_objects(tuning)
+    order = tune_measure.measuring_order(tuning)
+    with tune_measure.analyzing(tuning, law, order, analyzer.Analyzer) as measures:
+        assert measures.press(60.0) == pytest.approx(60.0, rel=0.05)
+        assert tuning.axis.read("target_force") == pytest.approx(measures.per_mille(60.0), rel=1e-3)
+    assert tuning.axis.link.axis.extremes["force_N"] < 1.3 * 60.0
+
+
+@pytest.mark.parametrize(("lost", "targets"), [
+    (0, [20.0]), (1, [40.0, 20.0]), (9, [40.0, 70.0, 20.0]),
+])  # fmt: skip
+def test_a_contact_that_friction_loses_again_and_again_is_made_with_more_force(
+    plants, monkeypatch, lost, targets
+):
+    """At most with the largest force of the request; then the axis presses as it was asked."""
+    written, left = [], iter([False] * lost + [True])
+    with Axis(link(plants)) as axis, analyzer.Analyzer(
+        axis, MeasuringOrder(rubs=True, touch_most_N=70.0)
+    ) as measures:  # fmt: skip
+        monkeypatch.setattr(measures, "_stays_in_contact", lambda: next(left))
+        monkeypatch.setattr(measures, "set", lambda target_force: written.append(target_force))
+        measures._keep_contact(20.0)
+        assert written == pytest.approx([measures.per_mille(force) for force in targets])
+
+
+# A stiff contact behind a slow sensor: one DAC code for 50 ms is 20 N.
+STIFF = {
+    "drive": "velocity", "full_scale_speed_m_per_s": 0.2, "moving_mass_kg": 74,
+    "torque_constant_n_m_per_a": 0.96, "motor_peak_current_a": 6.7, "pulley_radius_mm": 2.85,
+    "rotor_inertia_kg_m2": 7.5e-4, "encoder_counts_per_rev": 6900, "sensor_full_scale_n": 434,
+    "sensor_stiffness_n_per_m": 4e6, "sensor_bits": 14, "sensor_noise_n": 0.3,
+    "sensor_rate_hz": 20, "workpiece_stiffness_n_per_m": 7e8, "workpiece_mass_kg": 18,
+}  # fmt: skip
+
+
+def test_a_smallest_amplitude_that_is_too_large_is_kept_for_less_time(tmp_path):
+    said = []
+    tuning = ready(tmp_path, STIFF, (43.0, 140.0), 350.0, say=said.append)
+    order = replace(tuning.order, band_hz=tune.CHECK.result(tuning).band_hz)
+    asked = replace(tune_measure.measuring_order(tuning, order), amplitude=1)
+    with tune_measure.analyzing(tuning, pressing(tuning), asked, analyzer.Analyzer) as measures:
+        level = measures.contact(30.0)
+    assert any("the noise keeps each value for" in text for text in said)
+    assert level.amplitude == 1 and level.force_min_N > 15.0
+    assert tuning.axis.link.axis.extremes["force_N"] < 350.0
+
+
+def test_a_workpiece_is_moved_by_no_sine_that_its_sensor_does_not_show(tmp_path, monkeypatch):
+    """A sensor of 20/s was asked for the response at 68 Hz."""
+    tuning = ready(tmp_path, STIFF | {"workpiece_stiffness_n_per_m": 5e5}, (43.0, 140.0), 350.0)
+    slow = SlowChange(
+        friction_N=5.0, sticks=False, compliance=0.05, sliding=0.8, softest_N=90.0, softest=1.0,
+        low_N=26.0, high_N=168.0, force_N=(), way=(),
+    )  # fmt: skip
+    asked = []
+
+    def measure(_measures, _force_N, setup, _codes):
+        asked.extend(setup.hz)
+
+    monkeypatch.setattr(tune_measure.sine_excitation, "measure", measure)
+    assert tune_measure._shaken(tuning, pressing(tuning), tuning.order, slow, 100.0) is None
+    assert asked and max(asked) <= 0.4 * 20
 
 
 def test_the_approach_can_be_given_and_is_bounded_in_time(plants, tmp_path):

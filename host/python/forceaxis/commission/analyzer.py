@@ -62,6 +62,11 @@ MOVE_S, MOVE_FACTOR = 20.0, 2.0
 # Time in s in which the axis has to be at standstill, and longest time until then.
 RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
+# Time in s in which an axis has to stay in contact, so that the contact is not lost.
+KEPT_S = 1.0
+# The force comes nearer to its set-point if its distance becomes smaller by this factor. Time in s
+# after which the distance is compared.
+APPROACHES_SHARE, APPROACHES_S = 0.9, 5.0
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
 BIAS_TRIES = 8
@@ -244,6 +249,8 @@ class Analyzer:
         self.home = self.objects.position
         # True if a smaller amplitude does not reduce the distortion of a response
         self._takes_distortion = False
+        # The noise keeps each value for so many times less than its band permits.
+        self._shorter = 1
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)
         sampling = facts.reading.sampling if facts and facts.reading else None
@@ -436,7 +443,7 @@ class Analyzer:
 
     def _hold_ticks(self) -> int:
         """Returns the number of ticks for which the noise signal keeps each of its values."""
-        return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
+        return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])) // self._shorter)
 
     @property
     def _reductions_max(self) -> int:
@@ -613,6 +620,8 @@ class Analyzer:
         less = "less" if self.order.rubs else "halved"
         if amplitude < 2 and ended.reason == "ended_travel" and self._widened(level):
             return amplitude
+        if amplitude < 2 and self._shortened(level):
+            return amplitude
         self.say(f"{ended.reason} at {amplitude} codes: {less}")
         if amplitude < 2 or len(level.aborts) > self._reductions_max:
             raise Refusal(
@@ -637,6 +646,19 @@ class Analyzer:
         else:
             self.standing()
             self.set(excitation_travel=wider)
+        return True
+
+    def _shortened(self, level: Level) -> bool:
+        """Halves the time for which the noise keeps each value, if the smallest amplitude in
+        contact exceeds a bound. A slow sensor has a narrow band, in which a DAC code that is kept
+        for long moves the axis far. Returns False if this time is a tick already."""
+        ticks = self._hold_ticks()
+        if level.bias_N is None or ticks < 2 or len(level.aborts) > self._reductions_max:
+            return False
+        self._shorter *= 2
+        self.standing()
+        self.set(excitation_hold=self._hold_ticks())
+        self.say(f"the noise keeps each value for {self._hold_ticks()} ticks in place of {ticks}")
         return True
 
     def _remedy(self, level: Level) -> str:
@@ -672,8 +694,10 @@ class Analyzer:
         self.set(target_force=self.per_mille(wanted))
         axis.enable("force")
         self._touch()
+        if self.order.rubs:
+            self._keep_contact(force_N)
         for _ in range(BIAS_TRIES):
-            reached = self.standing()
+            reached = self._nearest(force_N)
             if abs(reached - force_N) <= self.order.within * force_N:
                 return reached
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
@@ -714,6 +738,36 @@ class Analyzer:
         if fastest > self.objects.contact_loss_cap:
             self.set(contact_loss_cap=fastest)
 
+    def _keep_contact(self, force_N: float) -> None:
+        """Presses with a larger force than `force_N` until the axis stays in contact, and then with
+        `force_N` again. At a first contact, dry friction may hold an axis whose force law has no
+        integral action yet, so that it loses the contact again and again."""
+        wanted, most = force_N, max(force_N, self.order.touch_most_N)
+        while not self._stays_in_contact() and wanted < most:
+            wanted = min(2 * wanted, most)
+            self.say(f"the contact is lost again and again: a first contact with {wanted:.3g} N")
+            self.set(target_force=self.per_mille(wanted))
+        self.set(target_force=self.per_mille(force_N))
+
+    def _stays_in_contact(self) -> bool:
+        """Returns True if the axis stays in contact for a time of KEPT_S."""
+        before = self.axis.record(TouchObjects)
+        self.wait(KEPT_S)
+        state = self.axis.record(TouchObjects)
+        return bool(state.contact) and state.contact_losses == before.contact_losses
+
+    def _nearest(self, force_N: float) -> float:
+        """Returns the force in N at which the axis stands. If it is not `force_N` yet, waits as
+        long as it comes nearer, because the force of a slow loop hardly changes in the time in
+        which standing() compares it."""
+        reached = self.standing()
+        while abs(reached - force_N) > self.order.within * force_N:
+            self.wait(APPROACHES_S)
+            before, reached = reached, self.standing()
+            if abs(reached - force_N) > APPROACHES_SHARE * abs(before - force_N):
+                break
+        return reached
+
     def per_mille(self, force_N: float) -> float:
         """Converts a force in N to per mille of the rated force. The result is at most the largest
         `target_force` that the axis accepts."""
@@ -722,8 +776,11 @@ class Analyzer:
     def standing(self, timeout_s: float = 20.0) -> float:
         """Waits until the measured force in contact and the DAC code are constant, and returns the
         force in N. The DAC code is compared too, because dry friction can keep the force constant
-        while the integral action still changes the code."""
+        while the integral action still changes the code. `timeout_s`: longest time in s in which
+        the force comes no nearer to its set-point, however slow the loop is."""
         passed, before, code = 0.0, None, 0.0
+        target_N = self.axis.number("target_force") * 1e-6 * self.objects.rated_force
+        least_N = math.inf  # smallest distance from the set-point so far
         while passed < timeout_s:
             self.axis.link.wait(0.2)
             held = self.axis.capture(["force", "dac_fine"], samples=TICKS_PER_S // 5)
@@ -738,9 +795,13 @@ class Analyzer:
             if state.contact and near and abs(code - was) < max(1.0, 0.02 * abs(code), noise):
                 return now
             before = now
+            away_N = max(abs(now - target_N), self.newton)
+            if away_N < APPROACHES_SHARE * least_N:
+                passed, least_N = 0.0, away_N
         raise Refusal(
             "contact",
-            f"expected a force that settles within {timeout_s:g} s, got: {self.axis.about()}",
+            f"expected a force that comes nearer to its set-point within {timeout_s:g} s, or that "
+            f"settles, got: {self.axis.about()}",
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:

@@ -53,6 +53,9 @@ class MeasuringOrder:
     finds_friction: bool = True
     #: True: the axis has dry friction, whose effect is larger at smaller amplitudes
     rubs: bool = False
+    #: largest force in N with which an axis with dry friction may make its first contact; 0: only
+    #: the force at which it is measured
+    touch_most_N: float = 0.0
     swing: float = 0.4  #: peak-to-peak range of the force, divided by the bias force
     #: a force has settled if its relative difference from the set-point is below this value
     within: float = 0.05

@@ -56,6 +56,7 @@ from forceaxis.commission.tune_measure import (
     disable,
     force_objects,
     go_home,
+    highest_hz,
     measuring_order,
     next_amplitude,
     objects_of,
@@ -115,9 +116,6 @@ AVERAGES_FACTORS = (1, 4, 16)
 RESPONSE_BAND_FACTOR = 1.3
 # Highest frequency at which |S| is verified, divided by the bandwidth fT.
 VERIFIED_BAND_FACTOR = 3.0
-BAND_MAX_HZ = 400.0
-# Highest frequency of a response, divided by the rate of the force sensor.
-SAMPLED_BAND = 0.4
 BAND_RATIO_MIN = 20.0  # smallest ratio of the highest and the lowest frequency of a response
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
@@ -176,7 +174,7 @@ def check(tuning: TuningFolder) -> Checked:
         tuning.say(f"mode         {text}")
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
-    high = min(max(high, RESPONSE_BAND_FACTOR * highest), _highest_hz(facts))
+    high = min(max(high, RESPONSE_BAND_FACTOR * highest), highest_hz(facts))
     low = min(low, high / BAND_RATIO_MIN)
     if held_weight := tune_weight.held_weight(tuning, settings, rest):
         settings |= held_weight
@@ -233,13 +231,6 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
             f"axis has {held.force_scale:g} uN/count: calibrate the axis, or correct the model"
         )  # fmt: skip
     return {"force_scale": max(1, round(scale))}
-
-
-def _highest_hz(facts: PlantFacts) -> float:
-    """Returns the highest frequency of a response in contact. A force sensor with a clock of its
-    own does not show frequencies near half of its rate."""
-    sampling = facts.required_reading.sampling
-    return min(BAND_MAX_HZ, SAMPLED_BAND * sampling.rate_hz) if sampling else BAND_MAX_HZ
 
 
 def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
@@ -644,7 +635,7 @@ def verify(
     """Measures the responses again with the active filter bank. Also measures Ms of the loop with
     this filter bank."""
     _ensure_written(tuning, designed)
-    fT_Hz, most_hz = designed.worst.fT_Hz, _highest_hz(linear.facts(tuning.model))
+    fT_Hz, most_hz = designed.worst.fT_Hz, highest_hz(linear.facts(tuning.model))
     high = most_hz if fT_Hz is None else VERIFIED_BAND_FACTOR * fT_Hz
     low, own = tuning.order.band_hz
     order = with_measured_way(tuning, tuning.order, measured.between.way)

@@ -39,6 +39,7 @@ from forceaxis.design import files, model_file
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design
 from forceaxis.identify import result as results
+from forceaxis.linear import PlantFacts
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
@@ -49,6 +50,10 @@ AVERAGES_MIN = 5
 LINES_MIN = 25  # smallest number of spectral lines in the band, if the recorder permits it
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
+# Highest frequency of a response in contact in Hz, and divided by the rate of the force sensor.
+BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
+# Lowest and highest frequency in Hz of the sines that move a workpiece.
+SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
 # An axis that has coasted farther than this many times the permitted travel is not moved back.
 COASTED_TRAVELS = 5
 
@@ -217,8 +222,11 @@ def _shaken(
     # At the highest frequency the mass determines the motion, for each mass that is possible.
     mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
-    hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
-                                                       sine_excitation.FREQUENCIES)})  # fmt: skip
+    lowest, highest = max(SINE_MIN_HZ, own / 4), min(2 * own, SINE_MAX_HZ, highest_hz(facts))
+    if highest <= lowest:  # the force sensor shows the workpiece at rest only
+        return None
+    hz = sorted({2 * round(f / 2)
+                 for f in np.geomspace(lowest, highest, sine_excitation.FREQUENCIES)})  # fmt: skip
     with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         found = sine_excitation.measure(
             measures, max(order.forces),
@@ -234,6 +242,13 @@ def _shaken(
             f"+-{200 * found.mass_error:.2g} %, friction {found.friction_N:.3g} N"
         )
     return found
+
+
+def highest_hz(facts: PlantFacts) -> float:
+    """Returns the highest frequency of a response in contact. A force sensor with a clock of its
+    own does not show frequencies near half of its rate."""
+    sampling = facts.required_reading.sampling
+    return min(BAND_MAX_HZ, SAMPLED_BAND * sampling.rate_hz) if sampling else BAND_MAX_HZ
 
 
 def force_objects(tuning: TuningFolder) -> Settings:
@@ -259,6 +274,7 @@ def measuring_order(
         band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz),
         averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
+        touch_most_N=max(order.forces),
         travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
         squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),
         # What the user has given is never exceeded.
