@@ -94,11 +94,13 @@ def speed(context: click.Context, option: click.Parameter, text: str | None) -> 
 )  # fmt: skip
 @click.option(
     "--travel-mm", type=Positive(),
-    help="Travel bound out of contact, mm. Default: from encoder, drive and backlash of MODEL.",
+    help="Travel bound out of contact, mm. Default: from encoder, drive and backlash of MODEL, and "
+    "if the axis needs it up to 0.4 of the distance to the workpiece.",
 )  # fmt: skip
 @click.option(
     "--squeeze-mm", type=Positive(),
-    help="Travel bound in contact, mm. Default: three times the deflection of MODEL.",
+    help="Travel bound in contact, mm. Default: three times the deflection of MODEL, and if the "
+    "contact is softer up to the distance to the workpiece.",
 )  # fmt: skip
 @click.option("--only", help="Run this step only, even if it is done.")
 @click.option(
@@ -129,8 +131,8 @@ def tune(
     """Tune the force control of a live axis: measure the axis, design the force law with the
     largest bandwidth, verify the force law on the axis and store the force law.
 
-    The steps are: check (sensors at rest, tare), free (response out of contact), measure (response
-    in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
+    The steps are: check (sensors at rest, tare; an axis with a weight is moved as by `axis check`),
+    free (response out of contact), measure (response in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
     simulate (first contacts, impacts and plants of the set with the firmware), write (bank with its
     certificate), verify (first contacts and responses with the bank, Ms compared with its
     prediction), store.
