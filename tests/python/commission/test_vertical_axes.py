@@ -10,6 +10,7 @@ import functools
 import itertools
 import json
 import os
+from types import SimpleNamespace
 
 import drawn_axes
 import drawn_machines
@@ -19,7 +20,7 @@ from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import known, machine_bounds, tune, tune_measure
+from forceaxis.commission import as_found, known, machine_bounds, tune, tune_measure
 from forceaxis.commission.check import MotionCheck
 from forceaxis.commission.refusal import Refusal
 from forceaxis.cycles import live
@@ -306,6 +307,23 @@ def test_a_tuning_measures_the_weight_before_it_moves_the_axis_in_open_loop(tmp_
         ends = [link.axis.extremes[f"position_{end}_cnt"] - start for end in ("min", "max")]
         assert max(map(abs, ends)) < machine_bounds.gap_counts(model)
         assert link.axis.extremes["force_N"] == 0
+
+
+def test_a_refusal_after_the_law_was_written_puts_the_earlier_output_back(tmp_path):
+    model, link = delivered_head(tmp_path, 1.2)
+    with Axis(link) as axis:
+        before = axis.get("output_bias", "brake_engage_ticks", "force_bank")
+        work = tuning(axis, model, tmp_path / "out")
+        work.run("check")
+        checked = tune.CHECK.result(work)
+        law = tune_measure.objects_of(work, checked, checked.law.bank, {})
+        with as_found.restoring(work):
+            with tune_measure.temporary(axis, checked.settings):
+                pass
+            tune.write(work, SimpleNamespace(objects=law))
+            assert axis.read("output_bias") == checked.settings["output_bias"]
+            tune._restore_earlier_law(work)
+        assert axis.get(*before) == before
 
 
 def test_an_axis_that_could_fall_onto_its_workpiece_is_not_moved(tmp_path):

@@ -132,10 +132,10 @@ def tune(
     largest bandwidth, verify the force law on the axis and store the force law.
 
     The steps are: check (sensors at rest, tare; an axis with a weight is moved as by `axis check`),
-    free (response out of contact), measure (response in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
-    simulate (first contacts, impacts and plants of the set with the firmware), write (bank with its
-    certificate), verify (first contacts and responses with the bank, Ms compared with its
-    prediction), store.
+    free (response out of contact), measure (response in contact at each force), fit (parameters of
+    MODEL), design (law for the set of plants), simulate (first contacts, impacts and plants of the
+    set with the firmware), write (bank with its certificate), verify (first contacts and responses
+    with the bank, Ms compared with its prediction), store.
 
     The folder --out keeps the results of each step. After an interruption, the same command
     continues. After a kill, it first resets the fault of the axis and restores the parameters. A

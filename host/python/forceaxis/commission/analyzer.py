@@ -64,9 +64,12 @@ RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 # Time in s in which an axis has to stay in contact, so that the contact is not lost.
 KEPT_S = 1.0
-# The force comes nearer to its set-point if its distance becomes smaller by this factor. Time in s
-# after which the distance is compared.
-APPROACHES_SHARE, APPROACHES_S = 0.9, 5.0
+# While an axis comes to a standstill, its force comes nearer to the set-point if their distance
+# becomes smaller by this factor.
+APPROACHES_SHARE = 0.9
+# At a standstill, the force still comes nearer if the distance becomes smaller by this share in
+# this time in s.
+NEARER_SHARE, NEARER_S = 0.02, 3.0
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
 BIAS_TRIES = 8
@@ -761,10 +764,11 @@ class Analyzer:
         long as it comes nearer, because the force of a slow loop hardly changes in the time in
         which standing() compares it."""
         reached = self.standing()
-        while abs(reached - force_N) > self.order.within * force_N:
-            self.wait(APPROACHES_S)
-            before, reached = reached, self.standing()
-            if abs(reached - force_N) > APPROACHES_SHARE * abs(before - force_N):
+        while (away_N := abs(reached - force_N)) > self.order.within * force_N:
+            self.wait(NEARER_S)
+            reached = self.standing()
+            least_N = max(NEARER_SHARE * away_N, 0.5 * self.newton)
+            if away_N - abs(reached - force_N) < least_N:
                 break
         return reached
 

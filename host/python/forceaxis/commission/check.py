@@ -252,28 +252,29 @@ class MotionCheck:
             step()
         if not self.passed:
             self._skip("an earlier step failed", *MOVING_STEPS, "tare")
-        elif not consent(self.asked()):
+        elif not consent(self.asked(tare)):
             self._skip("nobody allowed the axis to move", *MOVING_STEPS, "tare")
         else:
             self._motion()
             if tare:
                 self._tare()
 
-    def asked(self) -> str:
+    def asked(self, tare: bool = True) -> str:
         """Returns the text that describes the motion. A person has to confirm this motion before
-        the axis moves."""
+        the axis moves. `tare`: True if the tare is taken too."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         held = f"An output of {self.bias:g} codes holds its weight. " if self.bias else ""
         if self.weight and self.weight.fall_m:
             fall_mm = 1e3 * self.weight.fall_m
             held += f"After a fault it falls {fall_mm:.2g} mm until its brake holds. "
+        zero = " The tare is taken where the reading is near zero." if tare else ""
         return (
             f"{held}It moves {counts} encoder counts in open loop, at most "
             f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
             f"{way} the workpiece and back with at most {self._output()} codes, never more than "
-            f"{self._span()} counts from here while it is enabled; after a stop it coasts. "
-            "The tare is taken where the reading is near zero."
+            f"{self._span()} counts from here while it is enabled; after a stop it coasts."
+            f"{zero}"
         )
 
     def _done(

@@ -581,7 +581,12 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
     disable(axis)
     if BEFORE.read(tuning.folder) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
-        BEFORE.write(tuning.folder, axis.link.read(names))
+        before = axis.link.read(names)
+        # An output_bias that was measured is on the axis already.
+        found = as_found.FOUND.read(tuning.folder)
+        if found and "output_bias" in before:
+            before["output_bias"] = found.values["output_bias"]
+        BEFORE.write(tuning.folder, before)
     try:
         axis.set(force_bank=0)
         axis.set(**values)
