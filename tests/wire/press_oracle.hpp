@@ -103,7 +103,7 @@ class PressOracle {
     wrong = Faults(then, in, out);
     if (wrong.empty() && presses) wrong = Demand(then);
     if (!wrong.empty()) return wrong;
-    // Where the weight moves the axis back from an end, no code does.
+    // At an end of the travel, an axis whose weight moves it back gets the code 0.
     const bool released = CodeOracle::Released(then.code, in, out);
     const int ahead = speeds_.Judge({then.parameters.touch_speed, then.parameters.gain_q8},
                                     in.encoder_cnt, CodeOracle::Net(then.code, in, out), now_.law,

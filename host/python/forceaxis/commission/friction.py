@@ -71,6 +71,9 @@ KNOTS = 3  # number of forces at which the compliance may change
 # A compliance that changes with the force is assumed if the sum of the squares of the errors is
 # below this share of that with a constant compliance. Stick-slip of the guide reduces it less.
 BENT_SHARE = 0.3
+# Smallest compliance of such a workpiece, divided by its mean. Where a smaller one fits best,
+# another part of the machine bends the curve.
+BEND_MIN = 0.2
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
@@ -619,13 +622,15 @@ class _Creep:
     """The slow yielding that explains different positions at rising and falling force best.
 
     at_once, creep: compliance in counts/N that follows the force at once, and with the time
-    constant `creep_s`. left: sum of the squares of the errors of the position.
+    constant `creep_s`. left: sum of the squares of the errors of the position. bends: smallest and
+    largest value of `at_once` between the two forces, divided by its mean.
     """
 
     at_once: float
     creep: float
     creep_s: float
     left: float
+    bends: tuple[float, float]
 
 
 Slow = TypeVar("Slow", _Loop, _Creep)
@@ -635,7 +640,8 @@ def _simplest(found: Sequence[Slow]) -> Slow:
     """Returns the result with a constant stiffness, or the one with a stiffness that depends on the
     force, if this clearly reduces the error. `found`: these two results."""
     straight, bent = found
-    return bent if bent.left < BENT_SHARE * straight.left else straight
+    clear = bent.left < BENT_SHARE * straight.left and bent.bends[0] > BEND_MIN
+    return bent if clear else straight
 
 
 def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
@@ -663,9 +669,8 @@ def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
     half, begin = map(float, found.x)
     without, _, whole = fitted(0.0)
     left, stuck, behind = fitted(half, begin)
-    slides = float(behind.mean())
-    bends = float(behind.min()) / slides, float(behind.max()) / slides
-    return _Loop(half, begin, stuck, slides, float(whole.mean()), left, without, bends)
+    slides, whole_mean = float(behind.mean()), float(whole.mean())
+    return _Loop(half, begin, stuck, slides, whole_mean, left, without, _bends(behind))
 
 
 def _corners(start: tuple[float, float], step: float) -> Samples:
@@ -688,7 +693,7 @@ def _creep(force: Samples, x: Samples, knots: int) -> _Creep:
     first sample. `knots`: number of forces at which the other compliance changes."""
     block_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
 
-    def fitted(log_s: float) -> tuple[float, float, float]:
+    def fitted(log_s: float) -> tuple[float, Samples, float]:
         keeps = math.exp(-block_s / math.exp(log_s))
         late, now = np.empty(len(force)), float(force[0])
         for i, one in enumerate(force):
@@ -696,8 +701,7 @@ def _creep(force: Samples, x: Samples, knots: int) -> _Creep:
             late[i] = now
         table = np.column_stack([np.ones(len(force)), late, curve])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
-        at_once = float(np.cumsum(solved[2:]).mean())
-        return float(np.sum((table @ solved - x) ** 2)), at_once, float(solved[1])
+        return float(np.sum((table @ solved - x) ** 2)), np.cumsum(solved[2:]), float(solved[1])
 
     curve = _curve(force, knots)
     grid = np.log(np.geomspace(*CREEP_S, 25))
@@ -707,7 +711,13 @@ def _creep(force: Samples, x: Samples, knots: int) -> _Creep:
         optimize.minimize_scalar(lambda one: fitted(one)[0], bounds=ends, method="bounded").x
     )
     size, at_once, creep = fitted(best)
-    return _Creep(at_once, creep, math.exp(best), size)
+    return _Creep(float(at_once.mean()), creep, math.exp(best), size, _bends(at_once))
+
+
+def _bends(compliances: Samples) -> tuple[float, float]:
+    """Returns the smallest and the largest compliance, divided by their mean."""
+    mean = float(compliances.mean())
+    return float(compliances.min()) / mean, float(compliances.max()) / mean
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
