@@ -198,7 +198,7 @@ class PreciseLoops:
         """Returns the bandwidths and margins of each plant with each delay of `timings`. The entry
         of a loop is None if the command does not act on the force, or if the loop is not known to
         be stable."""
-        law, shape = law_shape(self.bank), (self.bank.integral_rad_per_s, self.bank.sections)
+        law, shape = law_shape(self.bank), repr(replace(self.bank, force_gain=1.0))
         delays = [self.responses.timings.index(timing) for timing in self.timings]
         found: list[list[Figures | None]] = []
         for member in members:
