@@ -21,6 +21,7 @@ bilinearly, and law derivative samples its sensor. A code is output in the tick 
 (zoh), or one tick later (zoh+1, firmware.latency_ticks = 1).
 """
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -396,12 +397,14 @@ def _tick_plant(spec: LoopSpec, site: _Site, inner: float, own: Loop) -> TickPla
     system = _feedback(spec, site, own.signal, moves, names)
     plant = _sampled(system, "p", "zoh", spec.tick_s, False)
 
+    @functools.cache
     def within(share: Fraction) -> Within:
         part = system.sampled(0, float(share) * spec.tick_s, extended=True)
         row = np.zeros((1, len(plant.A)), np.longdouble)
         row[:, : len(part.A)] = part.C[:1] @ part.A
         return Within(row, part.C[:1] @ part.B + part.D[:1])
 
+    @functools.cache
     def moments(share: Fraction, count: int) -> Within:
         part = _integrated(system, count, spec.tick_s)
         part = part.sampled(0, float(share) * spec.tick_s, extended=True)
