@@ -62,8 +62,9 @@ MOVE_S, MOVE_FACTOR = 20.0, 2.0
 # Time in s in which the axis has to be at standstill, and longest time until then.
 RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
-# Time in s in which an axis has to stay in contact, so that the contact is not lost.
-KEPT_S = 1.0
+# Time in s in which an axis has to stay in contact, so that the contact is not lost, and number of
+# such times.
+KEPT_S, KEPT_TRIES = 1.0, 10
 # While an axis comes to a standstill, its force comes nearer to the set-point if their distance
 # becomes smaller by this factor.
 APPROACHES_SHARE = 0.9
@@ -164,6 +165,15 @@ class TouchObjects:
     contact: int
     contact_losses: int
     dac_code: int
+
+
+@dataclass(frozen=True)
+class KeptObjects:
+    """State of the contact as TouchObjects, and the position in encoder counts."""
+
+    contact: int
+    contact_losses: int
+    position: int
 
 
 @dataclass(frozen=True)
@@ -693,12 +703,13 @@ class Analyzer:
         if math.isfinite(self.order.force_max_N):
             bound, own = self.order.force_max_N / self.newton, self.objects.force_max
             self.set(force_max=min(bound, own) if own else bound)
-        wanted = force_N
-        self.set(target_force=self.per_mille(wanted))
+        wanted, first_N = force_N, min(force_N, self.order.touch_N or force_N)
+        self.set(target_force=self.per_mille(first_N))
         axis.enable("force")
         self._touch()
-        if self.order.rubs:
-            self._keep_contact(force_N)
+        if self.order.rubs or first_N < force_N:
+            self._keep_contact(first_N)
+            self.set(target_force=self.per_mille(force_N))
         for _ in range(BIAS_TRIES):
             reached = self._nearest(force_N)
             if abs(reached - force_N) <= self.order.within * force_N:
@@ -742,22 +753,25 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def _keep_contact(self, force_N: float) -> None:
-        """Presses with a larger force than `force_N` until the axis stays in contact, and then with
-        `force_N` again. At a first contact, dry friction may hold an axis whose force law has no
-        integral action yet, so that it loses the contact again and again."""
+        """Waits until an axis that bounces stays in contact, for at most KEPT_TRIES times KEPT_S.
+        At a first contact, dry friction may hold an axis whose force law has no integral action
+        yet, so that it loses the contact again and again; it presses with a larger force then, at
+        most `touch_most_N`. `force_N`: force with which the axis presses."""
         wanted, most = force_N, max(force_N, self.order.touch_most_N)
-        while not self._stays_in_contact() and wanted < most:
-            wanted = min(2 * wanted, most)
-            self.say(f"the contact is lost again and again: a first contact with {wanted:.3g} N")
-            self.set(target_force=self.per_mille(wanted))
-        self.set(target_force=self.per_mille(force_N))
+        for _ in range(KEPT_TRIES):
+            before, after = self._kept()
+            if after.contact and after.contact_losses == before.contact_losses:
+                return
+            if abs(after.position - before.position) <= STANDSTILL_CNT and wanted < most:
+                wanted = min(2 * wanted, most)
+                self.say(f"the axis sticks at its first contact: {wanted:.3g} N")
+                self.set(target_force=self.per_mille(wanted))
 
-    def _stays_in_contact(self) -> bool:
-        """Returns True if the axis stays in contact for a time of KEPT_S."""
-        before = self.axis.record(TouchObjects)
+    def _kept(self) -> tuple[KeptObjects, KeptObjects]:
+        """Returns the states of the contact before and after a time of KEPT_S."""
+        before = self.axis.record(KeptObjects)
         self.wait(KEPT_S)
-        state = self.axis.record(TouchObjects)
-        return bool(state.contact) and state.contact_losses == before.contact_losses
+        return before, self.axis.record(KeptObjects)
 
     def _nearest(self, force_N: float) -> float:
         """Returns the force in N at which the axis stands. If it is not `force_N` yet, waits as

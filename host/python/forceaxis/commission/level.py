@@ -53,6 +53,9 @@ class MeasuringOrder:
     finds_friction: bool = True
     #: True: the axis has dry friction, whose effect is larger at smaller amplitudes
     rubs: bool = False
+    #: force in N with which the axis makes its first contact, if it is less than that at which it
+    #: is measured; 0: that at which it is measured
+    touch_N: float = 0.0
     #: largest force in N with which an axis with dry friction may make its first contact; 0: only
     #: the force at which it is measured
     touch_most_N: float = 0.0

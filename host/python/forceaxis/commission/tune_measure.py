@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -54,6 +55,8 @@ AMPLITUDE_RATIO = 3
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
+# smallest force of a first contact, divided by `contact_force`
+TOUCH_OVER_CONTACT = 2.0
 # An axis that has coasted farther than this many times the permitted travel is not moved back.
 COASTED_TRAVELS = 5
 
@@ -119,10 +122,13 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     order = replace(tuning.order, band_hz=checked.band_hz)
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= force_objects(tuning)
-    between, law = _between(tuning, law, order, free.glide.rubs)
+    order_of = functools.partial(measuring_order, tuning, touch_N=first_contact_N(tuning, checked))
+    between, law = _between(tuning, law, order_of(order, rubs=free.glide.rubs), order)
     order = with_measured_way(tuning, order, between.way)
     workpiece_rubs = between.friction_N > 0
-    shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
+    shaken = None
+    if workpiece_rubs:
+        shaken = _shaken(tuning, law, order_of(order), between, free.glide.rate)
     rubs = workpiece_rubs or free.glide.rubs
     if rubs:
         first = max(1, math.ceil(friction.NOISE_SLIDES * free.glide.dead_zone))
@@ -134,14 +140,14 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
 
-        asked = measuring_order(tuning, order, first=first, rubs=rubs)
+        asked = order_of(order, first=first, rubs=rubs)
         if rubs:
             asked = replace(asked, swing=SWING_SLIDING)
         _, figures = take_response(tuning, name, law, asked, Analyzer, take)
         small = max(1, figures.amplitude // AMPLITUDE_RATIO)
         smaller = None
         while smaller is None and small < figures.amplitude:
-            asked = measuring_order(tuning, order, amplitude=small, rubs=True)
+            asked = order_of(order, amplitude=small, rubs=True)
             with contextlib.suppress(FewChanges):
                 _, smaller = take_response(tuning, small_of(name), law, asked, Analyzer, take)
             small += 1
@@ -165,13 +171,13 @@ def go_home(tuning: TuningFolder, checked: Checked) -> None:
 
 
 def _between(
-    tuning: TuningFolder, law: Settings, order: TuningOrder, rubs: bool
+    tuning: TuningFolder, law: Settings, asked: MeasuringOrder, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
     """Changes the force slowly over all forces and over the range of the excitation. Returns two
     values: the result of this change, and the settings `law` with the present `contact_loss_cap` of
-    the axis. `rubs`: True if guide or gear have dry friction."""
+    the axis."""
     low, high = forces_between(order)
-    with analyzing(tuning, law, measuring_order(tuning, order, rubs=rubs), Analyzer) as measures:
+    with analyzing(tuning, law, asked, Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
         # An axis that is still in contact does not approach again.
         # The `contact_loss_cap` of the first contact therefore remains.
@@ -204,7 +210,7 @@ def _between(
 
 
 def _shaken(
-    tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
+    tuning: TuningFolder, law: Settings, asked: MeasuringOrder, slow: SlowChange, rate: float
 ) -> sine_excitation.SineTestResult | None:
     """Measures the workpiece with sines at the largest force. Returns None if the workpiece does
     not slide within the limits. Also returns None if it did not slide before and its stiffness is
@@ -227,9 +233,9 @@ def _shaken(
         return None
     hz = sorted({2 * round(f / 2)
                  for f in np.geomspace(lowest, highest, sine_excitation.FREQUENCIES)})  # fmt: skip
-    with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
+    with analyzing(tuning, law, asked, Analyzer) as measures:
         found = sine_excitation.measure(
-            measures, max(order.forces),
+            measures, max(tuning.order.forces),
             sine_excitation.SineTestSetup(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
                 abs(facts.required_reading.per_count),
@@ -242,6 +248,17 @@ def _shaken(
             f"+-{200 * found.mass_error:.2g} %, friction {found.friction_N:.3g} N"
         )
     return found
+
+
+def first_contact_N(tuning: TuningFolder, checked: Checked) -> float:
+    """Returns the force in N with which an axis makes its first contact before a measurement. For
+    this error of the force, the output of the law without its integral is that of the approach.
+    With a larger one, an axis that bounces would become faster than its approach."""
+    own = tuning.axis.get("approach_velocity_max", "contact_force") | checked.settings
+    code = float(own["approach_velocity_max"]) / abs(known.code_rate(tuning.model))
+    counts = max(TOUCH_OVER_CONTACT * float(own["contact_force"]),
+                 code / checked.law.bank.gain_at_rest())  # fmt: skip
+    return counts * abs(linear.facts(tuning.model).required_reading.per_count)
 
 
 def highest_hz(facts: PlantFacts) -> float:
@@ -262,10 +279,10 @@ def force_objects(tuning: TuningFolder) -> Settings:
 
 def measuring_order(
     tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
-    rubs: bool = False,
+    rubs: bool = False, touch_N: float = 0.0,
 ) -> MeasuringOrder:  # fmt: skip
     """Returns the request for a measurement with an Analyzer. `order`: request for a tuning, by
-    default that of `tuning`. `first`, `amplitude`, `rubs`: values of these fields of
+    default that of `tuning`. `first`, `amplitude`, `rubs`, `touch_N`: values of these fields of
     MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     counts_per_mm = 1e-3 * abs(linear.facts(model).required_encoder.scale)
@@ -274,7 +291,7 @@ def measuring_order(
         band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz),
         averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
-        touch_most_N=max(order.forces),
+        touch_N=touch_N, touch_most_N=max(order.forces),
         travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
         squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),
         # What the user has given is never exceeded.
