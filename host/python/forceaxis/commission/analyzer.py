@@ -309,7 +309,7 @@ class Analyzer:
     def close(self) -> None:
         """Disables the axis, waits until its brake has engaged, and restores the values that set()
         has replaced."""
-        self.axis.off()
+        disable(self.axis)
         before, self._before = self._before, {}
         for name, value in before.items():
             try:
@@ -770,7 +770,7 @@ class Analyzer:
     def _kept(self) -> tuple[KeptObjects, KeptObjects]:
         """Returns the states of the contact before and after a time of KEPT_S."""
         before = self.axis.record(KeptObjects)
-        self.wait(KEPT_S)
+        self.wait(KEPT_S, self._expect_enabled)
         return before, self.axis.record(KeptObjects)
 
     def _nearest(self, force_N: float) -> float:
@@ -779,7 +779,7 @@ class Analyzer:
         which standing() compares it."""
         reached = self.standing()
         while (away_N := abs(reached - force_N)) > self.order.within * force_N:
-            self.wait(NEARER_S)
+            self.wait(NEARER_S, self._expect_enabled)
             reached = self.standing()
             least_N = max(NEARER_SHARE * away_N, 0.5 * self.newton)
             if away_N - abs(reached - force_N) < least_N:
@@ -880,6 +880,10 @@ class Analyzer:
         ticks = np.arange(len(code)) - late_out - start
         return np.asarray(code[(ticks // cycle * cycle + start) % len(code)])
 
+    def _expect_enabled(self) -> None:
+        """Raises Refusal if the axis is not enabled."""
+        _expect_enabled(self.axis.record(EnabledObjects))
+
     def _expect_excitation(self) -> None:
         """Raises Refusal or Ended unless the axis is enabled and outputs the excitation."""
         state = self.axis.record(ExcitedObjects)
@@ -979,6 +983,14 @@ class Analyzer:
         else:
             self.axis.enable("profile position")
         self.wait(0.2)
+
+
+def disable(axis: Axis) -> None:
+    """Disables an axis. Waits until its brake has engaged, if it has one, because it accepts no
+    parameters before."""
+    axis.disable()
+    if axis.integer("brake_engage_ticks"):
+        axis.off()
 
 
 def finest_resolution_hz() -> float:

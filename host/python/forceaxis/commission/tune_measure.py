@@ -13,7 +13,14 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import friction, known, machine_bounds, measuring, sine_excitation
+from forceaxis.commission import (
+    analyzer,
+    friction,
+    known,
+    machine_bounds,
+    measuring,
+    sine_excitation,
+)
 from forceaxis.commission.analyzer import (
     SWING,
     SWING_SLIDING,
@@ -427,9 +434,9 @@ def _write(values: Settings, write: Callable[..., None]) -> None:
 
 
 def disable(axis: Axis) -> None:
-    """Disables the axis. Waits until it is disabled, which an axis with a brake is only when the
-    brake has engaged, and until the connection reports it."""
-    axis.off()
+    """Disables the axis, and waits until its brake has engaged and the connection reports the
+    disabled state."""
+    analyzer.disable(axis)
     axis.link.wait(0.05)
 
 
