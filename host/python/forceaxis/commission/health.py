@@ -38,7 +38,8 @@ from forceaxis.recordings import signal_recording
 LEVEL = 0.05
 # A parameter is determined if a change of its logarithm by this value can be detected.
 TOLD_CHANGE = 0.5
-# Two parameters explain a change nearly equally well below this difference in chi-square.
+# Two parameters explain a change nearly equally well below this difference in chi-square, or below
+# SHARE_MIN of the decrease of chi-square by the better one.
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
 ITERATIONS = 12  # largest number of evaluations in a fit
@@ -167,6 +168,7 @@ def health(order: HealthOrder) -> Health:
             math.exp(alone.size[i]), (low, high), float(corrected[i]), bool(alone.told[i])
         )
     p_value = float(min(adjusted))
+    best = float(alone.gain[chosen[0]]) if chosen else 0.0
     return Health(
         "contact" if is_posterior else "response",
         paths.display(linear.find_model(order.model)),
@@ -175,7 +177,7 @@ def health(order: HealthOrder) -> Health:
         tuple(
             name for i, name in enumerate(change.names)
             if chosen and i not in chosen and alone.told[i]
-            and alone.gain[i] > alone.gain[chosen[0]] - ALIKE_BELOW
+            and alone.gain[i] > best - max(ALIKE_BELOW, SHARE_MIN * best)
         ),
         float(adjusted[-1]), parameters,
     )  # fmt: skip
