@@ -86,6 +86,7 @@ CAUSES = (
             ("", ()),
         )
     ),
+    Cause("verify", "a mode that the model lacks", ("frame",)),
     Cause("cycle", "", ()),
 )  # fmt: skip
 
@@ -122,7 +123,7 @@ def option_of(refused: Row) -> dict[str, Any]:
     """The options that a refusal gives with their values, as fields of the order."""
     found = {}
     text = common.options_in(tune_command, refused["text"])
-    for option, value in re.findall(r"(--[a-z-]+)[ =]([-\w.=%+:,]+)", text):
+    for option, value in re.findall(r"(--[a-z-]+)[ =]([-\w.=%+:,]*\d[-\w.=%+:,]*)", text):
         if option in OPTIONS:
             name, read = OPTIONS[option]
             try:

@@ -1304,3 +1304,22 @@ def test_the_search_of_the_amplitude_goes_on_where_the_position_hardly_changes()
     with pytest.raises(Refusal, match="cycle: too few"):
         analyzer.Analyzer._search(bench, analyzer.Level(0), excitation)
     assert tried[-1] == 4
+
+
+def test_a_narrow_peak_far_above_the_crossover_is_seen_when_a_law_is_verified():
+    """A tool mode of 296 Hz on a machine that was measured to 100 Hz: the loop of the hidden
+    machine had Ms 3.2, the mean over 4 % of the frequency showed 1.7."""
+    hz = np.arange(1.0, 401.0)
+    noise = np.random.default_rng(5).normal(size=(2, len(hz))).T @ [0.02, 0.02j]
+    smooth = 1 + 0.6 * np.exp(-((np.log(hz / 38.0) / 0.3) ** 2)) + noise
+    mode = 1 + 1.8 / (1 + 1j * (hz - 296.0) / 2.5)
+    level = SimpleNamespace(
+        measured=SimpleNamespace(frequency_hz=hz), sensitivity_error=np.full(len(hz), 0.03)
+    )
+    rows = {}
+    for name, S in (("without", smooth), ("with", smooth * mode)):
+        level.sensitivity = S
+        rows[name] = [margins._peak(level, [smooth], width) for width in margins.AVERAGING_WIDTHS]
+    assert rows["with"][0].Ms < 1.9  # which is within the tolerance of the promise
+    assert rows["with"][1].Ms > 1.6 + tune.MS_TOLERANCE and 290 < rows["with"][1].Ms_hz < 302
+    assert rows["without"][1].Ms < 1.7

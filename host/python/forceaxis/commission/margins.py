@@ -1,12 +1,14 @@
 """Computes bandwidth and margins of the previous and of the new force law with the fitted plant,
 and compares the measured Ms with the predicted Ms."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from forceaxis.axis.axis import Axis
 from forceaxis.commission.contact import FittedAxis
+from forceaxis.commission.joint_fit import Response
 from forceaxis.commission.level import Level
 from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_results import Fitted, FittedLoop, LoopPeak
@@ -16,8 +18,9 @@ from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
 COEFFICIENTS_PER_BANK = 15
-# |S| is averaged over frequencies whose logarithms differ by less than this value.
-AVERAGING_WIDTH = 0.04
+# |S| is averaged over frequencies whose logarithms differ by less than one of these values. A mean
+# over the smaller width, which shows a narrow mode, has at least LINES_MIN frequencies.
+AVERAGING_WIDTHS, LINES_MIN = (0.04, 0.008), 4
 ERROR_MAX = 0.1  # a value of |S| is regarded as certain if its relative error is at most this value
 
 
@@ -67,25 +70,38 @@ def peaks(
     """Returns the measured Ms, and Ms of the fitted model at the same frequencies. `lacks`: what
     the model does not explain of the response at the same force. Returns None if |S| is certain at
     no frequency."""
-    measured, tuning = level.measured, fitted_axis.tuning
+    hz, tuning = level.measured.frequency_hz, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.integer("latency_ticks")
     # With dry friction, the axis sticks at some amplitudes and slides at others.
     # The predicted Ms is the larger one of the values for a sticking and a sliding axis.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
-    hz = measured.frequency_hz
-    # |S| is averaged over neighbouring frequencies within a few per cent.
-    # Without averaging, the maximum of many noisy values of |S| would be too large.
-    near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
-    near /= near.sum(1, keepdims=True)
-    error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
-    found = abs(near @ level.sensitivity)
     pairs = [_loop(tuning, fitted, designed.bank.bank, late, modes) for modes in every]
     predicted = [loop.sensitivity_at(gain, hz) for loop, gain in pairs]
     if lacks is not None:
         predicted = [S / (1 + (1 - S) * (lacks.quotient(hz) - 1)) for S in predicted]
+    found = [one for w in AVERAGING_WIDTHS if (one := _peak(level, predicted, w)) is not None]
+    if not found:
+        return None
+    largest = max(found, key=lambda one: one.Ms - one.Ms_error)
+    return replace(largest, Ms_predicted=max(one.Ms_predicted for one in found))
+
+
+def _peak(level: Level, predicted: Sequence[Response], width: float) -> LoopPeak | None:
+    """Returns the measured Ms and the predicted one, with means of |S| over frequencies whose
+    logarithms differ by less than `width`. Without averaging, the maximum of many noisy values of
+    |S| would be too large. Returns None if |S| is certain at no frequency. `predicted`: sensitivity
+    functions of which the largest counts."""
+    hz = level.measured.frequency_hz
+    near = (abs(np.log(hz[:, None] / hz)) < width).astype(float)
+    lines = near.sum(1, keepdims=True)
+    near /= lines
+    error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
+    found = abs(near @ level.sensitivity)
     expected = np.max([abs(near @ S) for S in predicted], 0)
     sure = error < ERROR_MAX * found
+    if width < AVERAGING_WIDTHS[0]:
+        sure &= lines[:, 0] >= LINES_MIN
     if not sure.any():
         return None
     peak = np.flatnonzero(sure)[found[sure].argmax()]

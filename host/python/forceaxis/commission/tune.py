@@ -114,8 +114,6 @@ PEAK_PROBABILITY = 0.025
 AVERAGES_FACTORS = (1, 4, 16)
 # Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
-# Highest frequency at which |S| is verified, divided by the bandwidth fT.
-VERIFIED_BAND_FACTOR = 3.0
 BAND_RATIO_MIN = 20.0  # smallest ratio of the highest and the lowest frequency of a response
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
@@ -640,12 +638,10 @@ def verify(
     """Measures the responses again with the active filter bank. Also measures Ms of the loop with
     this filter bank."""
     _ensure_written(tuning, designed)
-    fT_Hz, most_hz = designed.worst.fT_Hz, highest_hz(linear.facts(tuning.model))
-    high = most_hz if fT_Hz is None else VERIFIED_BAND_FACTOR * fT_Hz
-    low, own = tuning.order.band_hz
     order = with_measured_way(tuning, tuning.order, measured.between.way)
-    high = min(max(high, own), most_hz)
-    band_hz = (min(low, high / BAND_RATIO_MIN), high)
+    # A mode above the measured band may limit the loop, so |S| is verified as far as it is seen.
+    high = highest_hz(linear.facts(tuning.model))
+    band_hz = (min(order.band_hz[0], high / BAND_RATIO_MIN), high)
     order = replace(order, band_hz=band_hz, averages=max(5, order.averages // 2))
     fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
     gap, start = machine_bounds.gap_counts(tuning.model), checked.rest.position
@@ -663,12 +659,25 @@ def verify(
                 raise Refusal(
                     "verify", "expected a measured Ms that exceeds the predicted Ms "
                     f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
-                    f"{about.Ms:.3g} +-{error:.2g}"
+                    f"{about.Ms:.3g} +-{error:.2g} at {about.Ms_hz:.3g} Hz"
+                    + _wider_band(about.Ms_hz, checked.band_hz, band_hz[1])
                 )  # fmt: skip
     except Refusal as refusal:
         _restore_earlier_law(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
     return Verified(levels)
+
+
+def _wider_band(peak_hz: float, measured_hz: tuple[float, float], most_hz: float) -> str:
+    """Returns the end of a text about a peak of |S| above the band `measured_hz` of the responses,
+    or "" for one within this band. `most_hz`: highest frequency that can be measured."""
+    low, high = measured_hz
+    if peak_hz <= high:
+        return ""
+    return (
+        f": a mode that the model lacks, above the responses, which end at {high:.3g} Hz; give "
+        f"`band_hz` {low:.3g}:{most_hz:.3g}, so that they show it"
+    )
 
 
 def _bound_of_peak(about: VerifiedResponse) -> float:
