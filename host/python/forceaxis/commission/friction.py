@@ -68,6 +68,7 @@ FORCE_ERROR_MIN = 0.06
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
 KNOTS = 3  # number of forces at which the compliance may change
+FIRST_STATES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # at which the search of the first state begins
 # A compliance that changes with the force is assumed if the sum of the squares of the errors is
 # below this share of that with a constant compliance. Stick-slip of the guide reduces it less.
 BENT_SHARE = 0.3
@@ -574,13 +575,14 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     if it is unknown."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
-    one = _simplest([_loops(F, x, knots) for knots in (0, KNOTS)])
+    one, curved = (_loops(F, x, knots, (1.0,)) for knots in (0, KNOTS))
+    if one.rubs:
+        # Its first state and a stiffness that depends on the force change the size of a friction.
+        one = _simplest([_loops(F, x, knots, FIRST_STATES) for knots in (0, KNOTS)])
     late = _simplest([_creep(F, x, knots) for knots in (0, KNOTS)])
-    half, c_all, c_slide = one.half, one.whole, one.slides
-    # Friction is accepted only if the positions at rising and falling force clearly differ.
-    shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
-    rubs = bool(shows and one.left < (1 - ERROR_REDUCTION_MIN) * one.without)
-    relaxes = min(late.at_once, late.creep) > 0 and late.left < RELAXING_SHARE * one.left
+    half, c_all, c_slide, rubs = one.half, one.whole, one.slides, one.rubs
+    other = min(one.left, curved.left)
+    relaxes = min(late.at_once, late.creep) > 0 and late.left < RELAXING_SHARE * other
     creep, creep_s = 0.0, 0.0
     if relaxes:
         rubs, c_all, creep, creep_s = False, late.at_once, late.creep, late.creep_s
@@ -616,6 +618,13 @@ class _Loop:
     without: float
     bends: tuple[float, float]
 
+    @property
+    def rubs(self) -> bool:
+        """True if the positions at rising and falling force clearly differ by friction."""
+        shows = 2 * self.half * self.slides > DISPLACEMENT_MIN_CNT
+        shows = shows and self.slides > 0.05 * self.whole
+        return shows and self.left < (1 - ERROR_REDUCTION_MIN) * self.without
+
 
 @dataclass(frozen=True)
 class _Creep:
@@ -644,8 +653,9 @@ def _simplest(found: Sequence[Slow]) -> Slow:
     return bent if clear else straight
 
 
-def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
-    """Fits dry friction to block means of force in N and position in encoder counts."""
+def _loops(F: Samples, x: Samples, knots: int, begins: Sequence[float]) -> _Loop:
+    """Fits dry friction to block means of force in N and position in encoder counts. `begins`:
+    first states of the friction from which the best one is searched; a single one is kept."""
 
     def fitted(half: float, begin: float = 1.0) -> tuple[float, float, Samples]:
         """Sum of the squares, compliance before the friction, and behind it between the knots."""
@@ -660,10 +670,11 @@ def _loops(F: Samples, x: Samples, knots: int) -> _Loop:
         return error * (1.0 if min(stuck, *behind) > 0 else 4.0)
 
     span = float(np.percentile(F, 98) - np.percentile(F, 2))
-    halves, begins = np.linspace(0.004, 0.49, 60) * span, np.linspace(-1.0, 1.0, 5)
+    halves = np.linspace(0.004, 0.49, 60) * span
     start = min(itertools.product(halves, begins), key=size)
+    states = (-1.0, 1.0) if len(begins) > 1 else (begins[0], begins[0])
     found = optimize.minimize(
-        size, start, method="Nelder-Mead", bounds=((halves[0], halves[-1]), (-1.0, 1.0)),
+        size, start, method="Nelder-Mead", bounds=((halves[0], halves[-1]), states),
         options={"initial_simplex": _corners(start, halves[1] - halves[0]), "xatol": 1e-4},
     )  # fmt: skip
     half, begin = map(float, found.x)
