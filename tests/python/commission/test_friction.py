@@ -109,14 +109,6 @@ def test_friction_is_told_from_a_stiffness_that_grows_with_the_force(newton):
     assert not without.rubs and not without.creep
 
 
-def test_a_force_that_arrives_late_is_no_friction():
-    """By 12 ms: a machine without friction was told to have one of half the range of the force."""
-    force, place = pushed(0.0, high=123.0)
-    late = np.concatenate([np.full(4, force[0]), force[:-4]])
-    found = friction.slow_loading(late, np.round(place * 0.7), COUNTS / K_S)
-    assert not found.rubs and not found.sticks
-
-
 def test_without_friction_there_is_none_and_nothing_is_soft():
     found = friction.slow_loading(*pushed(0.0), COUNTS / K_S)
     assert not found.rubs and not found.sticks and not found.soft
