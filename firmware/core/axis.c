@@ -277,9 +277,9 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   fx_assert(fx_magnitude(law_q16) <= UINT32_C(4098) * 65536 &&
             fx_magnitude(signals->bump_bias) <= UINT32_C(7170) * 65536);
   /* The limits change only the output. So command_code shows the command of the control law, even
-   * if the drive gets this command one tick later. The magnitude of the law, with excitation, is below 4098
-   * codes, that of the bump bias below 7170 codes, and that of the output bias at most 1024 codes.
-   * So their sum in 1/65536 code is within +-2^30. */
+   * if the drive gets this command one tick later. The magnitude of the law, with excitation, is
+   * below 4098 codes, that of the bump bias below 7170 codes, and that of the output bias at most
+   * 1024 codes. So their sum in 1/65536 code is within +-2^30. */
   const int32_t command_q16 = fx_round_to(law_q16 + signals->bump_bias, axis->step_mask);
   axis->command_q16 = command_q16;
   signals->command_code = (int16_t)fx_code_from_q16(command_q16 + axis->bias_q16);

@@ -560,6 +560,7 @@ NO_FILES = {
             "commission.missing_parts:_with",
             "commission.missing_parts:with_lines",
             "commission.tune_fit:_model_lines",
+            "commission.tune_fit:proposed",
             "cycles.part:_traced",
             "cycles.propose:_write",
             "cycles.propose:edited",
