@@ -103,7 +103,7 @@ class PressOracle {
     wrong = Faults(then, in, out);
     if (wrong.empty() && presses) wrong = Demand(then);
     if (!wrong.empty()) return wrong;
-    // At an end of the travel, an axis whose weight moves it back gets the code 0.
+    // At an end of the travel, the code is 0 if the weight alone moves the axis back.
     const bool released = CodeOracle::Released(then.code, in, out);
     const int ahead = speeds_.Judge({then.parameters.touch_speed, then.parameters.gain_q8},
                                     in.encoder_cnt, CodeOracle::Net(then.code, in, out), now_.law,

@@ -56,8 +56,8 @@ class MeasuringOrder:
     #: force in N with which the axis makes its first contact, if it is less than that at which it
     #: is measured; 0: that at which it is measured
     touch_N: float = 0.0
-    #: largest force in N with which an axis with dry friction may make its first contact; 0: only
-    #: the force at which it is measured
+    #: largest force in N to which the first contact of an axis with dry friction may be increased;
+    #: 0: it is not increased
     touch_most_N: float = 0.0
     swing: float = 0.4  #: peak-to-peak range of the force, divided by the bias force
     #: a force has settled if its relative difference from the set-point is below this value

@@ -58,7 +58,8 @@ AVERAGES_MIN = 5
 LINES_MIN = 25  # smallest number of spectral lines in the band, if the recorder permits it
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
-# Highest frequency of a response in contact in Hz, and divided by the rate of the force sensor.
+# A response in contact ends at most at BAND_MAX_HZ, and at SAMPLED_BAND of the rate of a force
+# sensor with a clock of its own.
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0

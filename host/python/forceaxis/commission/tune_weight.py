@@ -22,8 +22,8 @@ WRONG_SHARE = known.MASS_SPREAD + known.DRIVE_SPREAD
 
 @dataclass(frozen=True)
 class FirstMotionState:
-    """Whether the next enabling begins with a first motion test, and the result of an earlier
-    one."""
+    """The objects that tell whether the axis makes a first motion test when it is enabled: the
+    order for this test, and the result of an earlier test."""
 
     first_motion_test: str
     first_motion_result: str

@@ -120,8 +120,7 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
             slower = stack.enter_context(Design(_approach(folder, count_per_s)))
             return _Trials.of(slower, bits, designed)
 
-        # With dry friction, the default of contact_loss_cap (0 DAC codes) is tried last.
-        # The axis may stay at standstill with contact_loss_cap = 0.
+        # With contact_loss_cap = 0, dry friction may hold the axis, so this default is tried last.
         for stands, gain, share in itertools.product(
             (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
         ):
