@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ROOT / "host/python/forceaxis"
 # From the ground up; what stands in one line may not import each other's wing.
 ORDER = (
-    ("_core", "_results", "paths", "words", "progress"),
+    ("_core", "_results", "paths", "words", "progress", "signals"),
     ("objects", "toml", "results", "errors"),
     ("files",),
     ("drawing",),

@@ -13,6 +13,7 @@ from types import FrameType
 
 import foxglove
 
+from forceaxis import signals
 from forceaxis.bus.connections import bounded
 from forceaxis.bus.sources import AddressError, MonitorSettings, ReplaySource
 from forceaxis.bus.topics import Topic, Topics
@@ -91,7 +92,7 @@ def serve(
                 ready(f"ws://{f'[{host}]' if ':' in host else host}:{server.port}")
                 if isinstance(source, ReplaySource):
                     source.start()
-                ended.wait()
+                signals.wait(ended)
         finally:
             server.stop()
     finally:

@@ -12,12 +12,13 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
 
+from forceaxis import signals
 from forceaxis.axis import address as addresses
 from forceaxis.axis.address import SerialAddress
 from forceaxis.cli.live_options import AxisConnection, warn_of_link
@@ -83,19 +84,27 @@ def stop_all(
             threading.Thread(
                 target=stop_line, args=(line, describe, told, event), daemon=True
             ).start()
-        while waiting and (done := told.get()) is not None:
+        while waiting and (done := first_told(told)) is not None:
             waiting.remove(done.address)
             report(done.outcome)
         if not interrupt:
             return
         for event in commanded:
-            event.wait()
+            signals.wait(event)
         click.echo(
             "forceaxis: interrupted; each axis that can be reached was commanded to stop"
             + (f", without a report yet: {', '.join(waiting)}" if waiting else ""),
             err=True,
         )
         sys.exit(128 + interrupt[0])
+
+
+def first_told(told: SimpleQueue[Told]) -> Told:
+    """Wait for the first element of the queue, remove it and return it. Signals are handled
+    meanwhile."""
+    while True:
+        with contextlib.suppress(Empty):
+            return told.get(timeout=signals.NOTICED_S)
 
 
 @contextlib.contextmanager
