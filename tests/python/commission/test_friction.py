@@ -322,6 +322,38 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
 
 
+def test_a_step_begins_where_the_tuning_began_and_a_refusal_ends_there(
+    press, tmp_path, monkeypatch
+):
+    """A kill in contact lets the workpiece push the axis away, over many times the distance to it:
+    the approach of the next run ended before a contact. A refusal left the axis near the
+    workpiece, where the weight cannot be checked."""
+    with Axis(link(press)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        work.run("check")
+        checked = tune.CHECK.result(work)
+        start, places = checked.rest.position, []
+        axis.set(position_gain=checked.settings["position_gain"])
+
+        def go(position):
+            axis.enable("profile position")
+            axis.move(position, 120.0)
+            axis.disable()
+            actions.wait_to_stand(axis)
+
+        def refused(*_):
+            places.append(axis.read("position"))
+            go(start + 300)
+            raise Refusal("unit", "as this test wants")
+
+        go(start - 5000)
+        work.coasted = True
+        monkeypatch.setattr(tune_measure, "_measured", refused)
+        with pytest.raises(Refusal, match="as this test wants"):
+            tune_measure.measure(work, checked, None)
+        assert [places[0], axis.read("position")] == pytest.approx([start, start], abs=50)
+
+
 def mass_of(work):
     """(kg, kg): the range that a law is designed for."""
     over = next(text for text in tune.FIT.result(work).over if text.startswith("m_w="))

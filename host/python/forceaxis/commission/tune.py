@@ -60,6 +60,7 @@ from forceaxis.commission.tune_measure import (
     measuring_order,
     next_amplitude,
     objects_of,
+    returning,
     take_response,
     with_measured_way,
 )
@@ -648,24 +649,33 @@ def verify(
     levels: dict[str, VerifiedResponse] = {}
     first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
     try:
-        for force in order.forces:
-            if gap and abs(tuning.axis.integer("position") - start) > AWAY_GAPS * gap:
-                go_home(tuning, checked)
-            about, order = _verified(fitted_axis, force, first, order)
-            first = next_amplitude(about.amplitude, force, order.forces)
-            levels[f"verified-{force:g}N"] = about
-            error = _bound_of_peak(about) * about.Ms_error
-            if about.Ms - error > about.Ms_predicted + MS_TOLERANCE:
-                raise Refusal(
-                    "verify", "expected a measured Ms that exceeds the predicted Ms "
-                    f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
-                    f"{about.Ms:.3g} +-{error:.2g} at {about.Ms_hz:.3g} Hz"
-                    + _wider_band(about.Ms_hz, checked.band_hz, band_hz[1])
-                )  # fmt: skip
+        with returning(tuning, checked):
+            for force in order.forces:
+                if gap and abs(tuning.axis.integer("position") - start) > AWAY_GAPS * gap:
+                    go_home(tuning, checked)
+                about, order = _verified(fitted_axis, force, first, order)
+                first = next_amplitude(about.amplitude, force, order.forces)
+                levels[f"verified-{force:g}N"] = about
+                _expect_predicted(about, force, checked.band_hz, band_hz[1])
     except Refusal as refusal:
         _restore_earlier_law(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
     return Verified(levels)
+
+
+def _expect_predicted(
+    about: VerifiedResponse, force: float, measured_hz: tuple[float, float], most_hz: float
+) -> None:
+    """Raises Refusal if the measured Ms at a force in N is larger than predicted, by more than its
+    error. `measured_hz`, `most_hz`: see _wider_band()."""
+    error = _bound_of_peak(about) * about.Ms_error
+    if about.Ms - error > about.Ms_predicted + MS_TOLERANCE:
+        raise Refusal(
+            "verify", "expected a measured Ms that exceeds the predicted Ms "
+            f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
+            f"{about.Ms:.3g} +-{error:.2g} at {about.Ms_hz:.3g} Hz"
+            + _wider_band(about.Ms_hz, measured_hz, most_hz)
+        )  # fmt: skip
 
 
 def _wider_band(peak_hz: float, measured_hz: tuple[float, float], most_hz: float) -> str:

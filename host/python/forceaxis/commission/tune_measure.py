@@ -65,18 +65,17 @@ BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
 # smallest force of a first contact, divided by `contact_force`
 TOUCH_OVER_CONTACT = 2.0
-# An axis that has coasted farther than this many times the permitted travel is not moved back.
-COASTED_TRAVELS = 5
 
 
 def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
     """Measures the friction out of contact, and then the frequency response from the DAC code to
     the encoder."""
     settings = checked.settings
-    with analyzing(tuning, settings, measuring_order(tuning), Analyzer) as measures:
+    with (
+        returning(tuning, checked),
+        analyzing(tuning, settings, measuring_order(tuning), Analyzer) as measures,
+    ):
         measures.rest()
-        if tuning.coasted:
-            _back_to_start(tuning, measures, checked.rest.position)
         drive = known.drive(tuning.model, measures.order.band_hz)
         most, travel = measures.order.most, measures.order.travel
         first = friction.first_code(most, travel, drive.rate)
@@ -98,18 +97,31 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
     return line
 
 
-def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """Moves the axis back to its position in the step `check`, and disables it. This is needed
-    after a killed run that left the axis moving. `start`: this position in encoder counts.
+@contextlib.contextmanager
+def returning(tuning: TuningFolder, checked: Checked) -> Iterator[None]:
+    """Context of a step that moves the axis. If a killed run has left the axis moving, the axis
+    first moves back to its position in the step `check`. After a Refusal, the axis moves back to
+    the position at which the step began, because near the workpiece the next run could not check
+    it.
 
-    An axis that is too far away is not moved (COASTED_TRAVELS). The position is valid, because the
-    encoder continues to count while a fault is latched.
+    After a killed run, the axis passes only places which it has passed before. Its position is
+    valid, because the encoder continues to count while a fault is latched.
     """
-    if abs(tuning.axis.integer("position") - start) <= COASTED_TRAVELS * measures.order.travel:
-        tuning.say("the axis returns to the position at which this tuning began")
-        measures.home = start
-        measures.go_home()
-        tuning.axis.disable()
+    if tuning.coasted:
+        distance = tuning.axis.integer("position") - checked.rest.position
+        tuning.say(
+            "the axis returns to the position at which this tuning began, over "
+            f"{abs(distance) / per_mm(tuning):.3g} mm"
+        )
+        go_home(tuning, checked)
+        tuning.coasted = False
+    start = tuning.axis.integer("position")
+    try:
+        yield
+    except Refusal:
+        with contextlib.suppress(NoAnswer, Refused, Refusal):
+            go_home(tuning, checked, start)
+        raise
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
@@ -125,6 +137,11 @@ def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
     """Measures the compliance between the forces. Then measures, at each force and with two
     amplitudes, the frequency response from the DAC code to the measured force."""
+    with returning(tuning, checked):
+        return _measured(tuning, checked, free)
+
+
+def _measured(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
     levels: dict[str, PressedResponse] = {}
     first = 1
     order = replace(tuning.order, band_hz=checked.band_hz)
@@ -170,11 +187,12 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 
 
-def go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to its position in the step `check`. Otherwise a disabled axis with friction
-    would stay in contact, and one without friction would coast away from the workpiece."""
+def go_home(tuning: TuningFolder, checked: Checked, home: int | None = None) -> None:
+    """Moves the axis to `home` in encoder counts, by default its position in the step `check`.
+    Otherwise a disabled axis with friction would stay in contact, and one without friction would
+    coast away from the workpiece."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
-        measures.home = checked.rest.position
+        measures.home = checked.rest.position if home is None else home
         measures.go_home()
 
 
