@@ -1,4 +1,7 @@
+#!/usr/bin/env python3
 """The pages of docs/guide as what they are to a test: commands, the lines that they print, files.
+
+`tests/support/guide.py PAGE...` plays pages of a built checkout, and prints what they show wrongly.
 
 A fenced block of a page is, by its language,
   bash      typed, command by command, in the folder of the page's session; `export NAME=VALUE`
@@ -15,7 +18,7 @@ so that they depend on the processor: they may differ by that, words may not. `<
 The time that a step took, "(8.7 s)" at the end of a line, is not compared; a page may leave it out.
 A line `<!-- session: WHAT -->` at the head of a page says when its commands are run:
   short     by every tools/test
-  long      by tools/test --all
+  long      by tools/test --all, from the wheel (tests/system/e2e/test_release.py)
   vcan      by tools/test --all, on a virtual CAN bus (tests/wire/test_on_the_bus.py)
 A page without commands has no such line.
 """
@@ -25,6 +28,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -154,3 +158,19 @@ def play(page, folder, wheel=None):
                 assert done.returncode == 0, (command, done.stdout, done.stderr)
                 printed += done.stdout
     return claims
+
+
+def main(pages):
+    """Plays pages and prints what they show that was not printed. Returns the exit status."""
+    status = 0
+    for page in map(Path, pages):
+        with tempfile.TemporaryDirectory() as folder:
+            for block, printed in play(page.resolve(), Path(folder)):
+                if line := missing(block, printed):
+                    status = 1
+                    print(f"{page}: expected the line\n{line}\ngot\n{printed}")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -25,16 +25,12 @@ NEEDED = {
 COMPUTES = {"real_machine"}  # for 20 s
 
 
-def marks_of(page, kind):
-    return (["long"] if kind == "long" else []) + (["beside"] if page.stem in COMPUTES else [])
-
-
-def pages(kind):
-    return [
-        pytest.param(p, id=p.stem, marks=[getattr(pytest.mark, m) for m in marks_of(p, kind)])
-        for p in guide.pages()
-        if guide.session(p) == kind and p != TEN_MINUTES
-    ]
+# A long page is executed by test_release.py alone, from the wheel.
+SHORT = [
+    pytest.param(p, id=p.stem, marks=[pytest.mark.beside] if p.stem in COMPUTES else [])
+    for p in guide.pages()
+    if guide.session(p) == "short" and p != TEN_MINUTES
+]
 
 
 def says(claims):
@@ -42,7 +38,7 @@ def says(claims):
         assert guide.missing(block, printed) is None, (guide.missing(block, printed), printed)
 
 
-@pytest.mark.parametrize("page", [*pages("short"), *pages("long")])
+@pytest.mark.parametrize("page", SHORT)
 def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
     says(guide.play(page, tmp_path))
 
