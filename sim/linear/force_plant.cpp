@@ -115,6 +115,28 @@ Roots per_second(Roots roots, double T) {
   return roots;
 }
 
+// Returns the system without the states that neither the input nor a state that it moves acts on,
+// such as those of a body that friction holds. They stay at 0.
+Linear moved_by_input(const Linear &whole) {
+  const Index n = whole.A.rows();
+  std::vector<Index> moved;
+  std::vector<bool> is_moved(static_cast<std::size_t>(n), false);
+  const auto add = [&](const auto &column) {
+    for (Index i = 0; i < n; ++i) {
+      if (column(i) == 0.0 || is_moved[static_cast<std::size_t>(i)]) continue;
+      is_moved[static_cast<std::size_t>(i)] = true;
+      moved.push_back(i);
+    }
+  };
+  add(whole.B.col(0));
+  for (std::size_t next = 0; next < moved.size(); ++next) add(whole.A.col(moved[next]));
+  std::sort(moved.begin(), moved.end());
+  Linear part{
+      whole.A(moved, moved), whole.B(moved, Eigen::all), whole.C(Eigen::all, moved), whole.D, {}};
+  for (const Index i : moved) part.states.push_back(whole.states[static_cast<std::size_t>(i)]);
+  return part;
+}
+
 // Returns true if a number differs from a whole number by less than 1e-6. An instant within 1e-6
 // ticks of a tick is treated as that tick, as in a simulated run.
 bool is_whole(Extended number) { return std::abs(number - std::nearbyint(number)) < 1e-6L; }
@@ -146,7 +168,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
                      "expected a model with an ADC on channel 0, got none; choose another model");
   const std::array<std::string, 1> inputs{"drive.command"};
   const std::array<std::string, 1> outputs{"reading"};
-  const Linear linear = linearise(model, mode, inputs, outputs);
+  const Linear linear = moved_by_input(linearise(model, mode, inputs, outputs));
   const Index n = linear.A.rows();
   const ExtendedMatrix step = sampled(linear.A.cast<Extended>(), linear.B.cast<Extended>(), tick_s);
   Sampled<ExtendedMatrix> system{ExtendedMatrix::Identity(n, n) + step.leftCols(n), step.col(n),

@@ -448,7 +448,7 @@ int Model::point_index(std::string_view name) const {
 
 struct ModelFile::Content {
   Source source;  // the model file with the parameter values that it gives, without overrides
-  toml::table table;
+  std::shared_ptr<const toml::table> table;
   std::string title, shows;
 };
 
@@ -456,7 +456,8 @@ ModelFile::ModelFile(const std::filesystem::path &path) {
   auto content = std::make_unique<Content>();
   Source &source = content->source;
   source.file = path.string();
-  const toml::table &table = content->table = parse_toml(source.file);
+  content->table = shared_toml(source.file);
+  const toml::table &table = *content->table;
   if (table.contains("model") && !table.contains("body"))
     source.fail("model", "expected a model, got an experiment or measurement of " +
                              in_quotes(table["model"].value_or(std::string())) +
@@ -483,7 +484,7 @@ Model ModelFile::model(std::span<const Override> overrides,
   Source source = content_->source;
   Overriding(source, overrides_file).apply(overrides);
   compute_expressions(source, overrides_file);
-  Section root(source, content_->table, "", kModelFormat);
+  Section root(source, *content_->table, "", kModelFormat);
   Model model;
   model.file = source.file;
   model.title = content_->title;

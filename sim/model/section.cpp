@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <deque>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <stdexcept>
 
 #include "sim/model/toml.hpp"
@@ -80,15 +82,38 @@ std::string kind_of(const toml::node &node) {
   }
 }
 
-toml::table parse_toml(const std::string &file) {
+namespace {
+
+std::string text_of(const std::string &file) {
   std::error_code status;
   if (!std::filesystem::is_regular_file(file, status))
     throw InputError(file, "file", "expected a readable file, got none; check the path");
   std::ifstream stream(file, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   if (!stream.good() && !stream.eof())
     throw InputError(file, "file", "expected a readable file, got a read error; check the file");
-  return parse_toml_text(text, file);
+  return text;
+}
+
+}  // namespace
+
+toml::table parse_toml(const std::string &file) { return parse_toml_text(text_of(file), file); }
+
+std::shared_ptr<const toml::table> shared_toml(const std::string &file) {
+  struct Parsed {
+    std::string file, text;
+    std::shared_ptr<const toml::table> table;
+  };
+  constexpr std::size_t kKept = 8;
+  thread_local std::deque<Parsed> parsed;  // the file that was parsed last comes first
+  std::string text = text_of(file);
+  const auto same = [&](const Parsed &one) { return one.file == file && one.text == text; };
+  const auto found = std::find_if(parsed.begin(), parsed.end(), same);
+  if (found != parsed.end()) return found->table;
+  auto table = std::make_shared<const toml::table>(parse_toml_text(text, file));
+  parsed.push_front({file, std::move(text), table});
+  if (parsed.size() > kKept) parsed.pop_back();
+  return table;
 }
 
 toml::table parse_toml_text(std::string_view text, const std::string &file) {

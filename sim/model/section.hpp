@@ -8,6 +8,7 @@
 // that are not declared. A section contains references, so its table, its source and the lists
 // passed to the section must exist as long as the section.
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -126,6 +127,9 @@ class Section {
 
 /// Parses a TOML file. Throws InputError.
 toml::table parse_toml(const std::string &file);
+/// Returns the table of parse_toml(). A thread parses a file again only if its text has changed,
+/// because an analysis of a set of plants reads the same model for each plant.
+std::shared_ptr<const toml::table> shared_toml(const std::string &file);
 /// Parses a TOML text. Messages name the text `file`. Throws InputError.
 toml::table parse_toml_text(std::string_view text, const std::string &file);
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -78,11 +79,13 @@ class _FrictionRow(NamedTuple):
 
 
 class _Elements(NamedTuple):
-    """Those elements of a model whose default states depend on its parameters."""
+    """Those elements of a model whose default states depend on its parameters. `drive`: the table
+    [drive] of the file."""
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()
     sliders: tuple[str, ...] = ()  # names of contacts with hysteresis
+    drive: Mapping[str, float | str] = MappingProxyType({})
 
 
 @lru_cache(maxsize=64)
@@ -103,8 +106,9 @@ def _elements(path: str, stamp: Stamp) -> _Elements:
         row["name"] + SLIDER for row in table.get("contact", ()) if "hysteresis_stiffness" in row
     )
     return _Elements(
-        tuple(frictions), tuple(row["name"] for row in table.get("backlash", ())), tuple(sliders)
-    )
+        tuple(frictions), tuple(row["name"] for row in table.get("backlash", ())), tuple(sliders),
+        table.get("drive", {}),
+    )  # fmt: skip
 
 
 def _stamp(path: str | Path) -> Stamp:
@@ -135,16 +139,15 @@ def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]
 def frictions(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
     """Returns the friction elements of the model at `path`, in the order of the file. `overrides`:
     {parameter: value}."""
-    if not _own_elements(path).frictions:
-        return ()
-    return _frictions(path, plant_facts.read(str(path), overrides).parameters)
+    rows = _own_elements(path).frictions
+    return _frictions(rows, plant_facts.read(str(path), overrides).parameters) if rows else ()
 
 
 def _frictions(
-    path: str | Path, parameters: Mapping[str, tuple[float, str]]
+    rows: Sequence[_FrictionRow], parameters: Mapping[str, tuple[float, str]]
 ) -> tuple[Friction, ...]:
     found = []
-    for row in _own_elements(path).frictions:
+    for row in rows:
         given = row.coulomb, row.stiction
         coulomb, stiction = (number(one, parameters) or 0.0 for one in given)
         first, second = (
@@ -167,12 +170,11 @@ def sliders(path: str | Path) -> tuple[str, ...]:
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
     """Returns the friction elements that the drive cannot overcome. The largest force of the drive
     at such an element is below its breakaway force."""
-    arriving = arriving_N(path, overrides)
-    return tuple(
-        one
-        for one in frictions(path, overrides)
-        if arriving.get(one.name, math.inf) < one.stiction_N
-    )
+    return _held(*_loaded(_own_elements(path), path, overrides))
+
+
+def _held(own: Sequence[Friction], arriving: Mapping[str, float]) -> tuple[Friction, ...]:
+    return tuple(one for one in own if arriving.get(one.name, math.inf) < one.stiction_N)
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
@@ -180,26 +182,35 @@ def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str
     the friction while it sticks. It is computed for the DAC at full scale within the limits of the
     drive, with all other frictions sliding and all contacts pressed. The result is empty for a
     model without a drive."""
+    return _loaded(_own_elements(path), path, overrides)[1]
+
+
+def _loaded(
+    elements: _Elements, path: str | Path, overrides: Overrides | None
+) -> tuple[tuple[Friction, ...], dict[str, float]]:
+    """Returns the friction elements of a model, and the forces of arriving_N()."""
+    if not elements.frictions:
+        return (), {}
     values = dict(overrides or {})
-    own = frictions(path, values)
     known = plant_facts.read(str(path), values)
-    if not own or known.drive is None:
-        return {}
+    own = _frictions(elements.frictions, known.parameters)
+    if known.drive is None:
+        return own, {}
     full_V = DAC_CODES * known.volts_per_code
-    most = _stall_N(path, known)
+    most = _stall_N(elements.drive, known)
     found = {}
     for one in own:
-        states = _sliding(path, own) | {one.name: STUCK}
+        states = _sliding(elements, own) | {one.name: STUCK}
         m = equations.read(str(path), ["drive.command"], [f"{one.name}.force"], values, states)
         answer = np.linalg.solve(1j * SLOW_PER_S * np.eye(len(m.A)) - m.A, m.B)
         found[one.name] = min(full_V * abs((m.C @ answer + m.D).item()), most)
-    return found
+    return own, found
 
 
-def _stall_N(path: str | Path, known: PlantFacts) -> float:
-    """Returns the largest static force of the drive in N, or infinity if the drive has no
-    limits."""
-    table, drive = toml.read(path)["drive"], known.required_drive.values
+def _stall_N(table: Mapping[str, float | str], known: PlantFacts) -> float:
+    """Returns the largest static force of the drive in N, or infinity if the drive has no limits.
+    `table`: the table [drive] of the model file."""
+    drive = known.required_drive.values
 
     def limit(name: str) -> float:
         return number(table.get(name), known.parameters) or math.inf
@@ -214,9 +225,9 @@ def _stall_N(path: str | Path, known: PlantFacts) -> float:
     return float(current * drive["k_torque"] / drive["r_trans"])
 
 
-def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
-    closed = {name + FLANKS[1]: CLOSED for name in backlashes(path)}
-    small = dict.fromkeys(sliders(path), STUCK)
+def _sliding(elements: _Elements, own: Sequence[Friction]) -> dict[str, str]:
+    closed = {name + FLANKS[1]: CLOSED for name in elements.backlashes}
+    small = dict.fromkeys(elements.sliders, STUCK)
     return {one.name: SLIDING for one in own} | closed | small
 
 
@@ -230,9 +241,9 @@ def _contacts(path: str, stamp: Stamp) -> tuple[str, ...]:
 def _chosen(path: str, stamp: Stamp, overrides: Used) -> dict[str, str]:
     """Returns the default states of friction and backlash elements. `stamp`: as for
     _elements()."""
-    values = dict(overrides)
-    stuck = {one.name: STUCK for one in held(path, values)}
-    return _sliding(path, frictions(path, values)) | stuck
+    elements = _elements(path, stamp)
+    own, arriving = _loaded(elements, path, dict(overrides))
+    return _sliding(elements, own) | {one.name: STUCK for one in _held(own, arriving)}
 
 
 def working(
@@ -248,14 +259,14 @@ def working(
     """
     named = dict(modes or {})
     own = _own_elements(path)
-    if not any(own):
+    if not (own.frictions or own.backlashes or own.sliders):
         return Working(named)
     stamp = _stamp(path)
     if own.frictions:
         chosen = dict(_chosen(str(path), stamp, tuple(sorted((overrides or {}).items()))))
     else:
-        chosen = _sliding(path, ())
-    for name in backlashes(path):
+        chosen = _sliding(own, ())
+    for name in own.backlashes:
         # If one flank of the backlash is closed, the other flank is not.
         if named.get(name + FLANKS[0], OPEN) != OPEN:
             chosen.pop(name + FLANKS[1])
@@ -269,8 +280,8 @@ def friction_states(
     """Returns the possible states of each friction of the model as ((name, state), ...). They are
     sliding and stuck, or only stuck if the drive cannot overcome the friction. Both directions of
     sliding give the same linear system, so only one of them is returned."""
-    stuck = {one.name for one in held(path, overrides)}
-    own = frictions(path, overrides)
+    own, arriving = _loaded(_own_elements(path), path, overrides)
+    stuck = {one.name for one in _held(own, arriving)}
     return [
         ((one.name, STUCK),) if one.name in stuck else ((one.name, SLIDING), (one.name, STUCK))
         for one in own
