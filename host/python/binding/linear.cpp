@@ -45,11 +45,13 @@ struct LinearTable {
   Eigen::MatrixXd C;
   Eigen::MatrixXd D;
   std::vector<std::string> states;
+  double volts_per_code;
 
   static constexpr auto items() {
-    return std::tuple{item("A", &LinearTable::A), item("B", &LinearTable::B),
-                      item("C", &LinearTable::C), item("D", &LinearTable::D),
-                      item("states", &LinearTable::states)};
+    return std::tuple{
+        item("A", &LinearTable::A),           item("B", &LinearTable::B),
+        item("C", &LinearTable::C),           item("D", &LinearTable::D),
+        item("states", &LinearTable::states), item("volts_per_code", &LinearTable::volts_per_code)};
   }
 };
 
@@ -176,7 +178,8 @@ py::object linear(const std::filesystem::path &file, const std::vector<std::stri
   const Model model = load(file, overrides);
   auto found = forceaxis::sim::linearise(model, {modes, free, drive}, inputs, outputs);
   return table::object(LinearTable{std::move(found.A), std::move(found.B), std::move(found.C),
-                                   std::move(found.D), std::move(found.states)});
+                                   std::move(found.D), std::move(found.states),
+                                   model.dac->volts_per_code()});
 }
 
 // Returns the parameters of the drive with their keys, without the parameters that act only outside
@@ -353,7 +356,7 @@ void add_linear(py::module_ &m) {
   m.def("linear", &linear, py::arg("model"), py::arg("inputs"), py::arg("outputs"),
         py::arg("overrides") = Overrides{}, py::arg("modes") = std::map<std::string, std::string>{},
         py::arg("free") = false, py::arg("drive") = true,
-        "Returns A, B, C, D and the names of the states in one mode. See "
+        "Returns A, B, C, D, the names of the states in one mode, and V per DAC code. See "
         "forceaxis.linear.linearise.");
   m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
         "Returns the data of a model.");

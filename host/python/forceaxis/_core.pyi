@@ -398,6 +398,7 @@ class LinearTable(TypedDict):
     C: _Floats
     D: _Floats
     states: list[str]
+    volts_per_code: float
 
 class StructureTable(TypedDict):
     """A structure of a model that is given by its modes; for the fields see StructureFacts."""

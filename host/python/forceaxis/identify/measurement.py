@@ -2,7 +2,7 @@
 model."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -261,11 +261,9 @@ def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System
         "drive.command" if name == "dac_code" else name
         for name in (measured.input, measured.output)
     ]
+    command = "drive.code" if measured.inject == "codes" else "drive.command"
     system = linear.linearise(
-        measured.model, ("drive.command",), plain, overrides, measured.modes, measured.free
+        measured.model, (command,), plain, overrides, measured.modes, measured.free
     )
-    if measured.inject == "codes":
-        factor = linear.facts(measured.model, overrides).volts_per_code
-        system = replace(system, B=system.B * factor, D=system.D * factor)
     result: linear.System = system.sampled(dt=measured.dt)
     return result

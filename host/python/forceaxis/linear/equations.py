@@ -19,13 +19,14 @@ StateSpace = tuple[Matrix, Matrix, Matrix, Matrix]  # matrices (A, B, C, D) of a
 @dataclass(frozen=True)
 class Equations:
     """A linear system x' = A x + B u, y = C x + D u in SI units. `states` are the names of the rows
-    of A."""
+    of A. `volts_per_code`: command of the drive in V per DAC code."""
 
     A: Matrix
     B: Matrix
     C: Matrix
     D: Matrix
     states: list[str]
+    volts_per_code: float
 
 
 def read(

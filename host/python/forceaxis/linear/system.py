@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import control
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
+CODE = "drive.code"  # input of linearise()
 
 
 def _complement(rows: Matrix) -> Matrix:
@@ -340,9 +341,9 @@ def linearise(
 
     model: a path, or the file name without suffix in sim/models.
 
-    inputs: drive.command (V), drive.tach (V, added to the tachometer voltage), drive.force (N,
-    between the body of the drive and its reaction body, in addition to the force of the drive),
-    BODY.force (N, from outside).
+    inputs: drive.command (V), drive.code (DAC codes of the same command), drive.tach (V, added to
+    the tachometer voltage), drive.force (N, between the body of the drive and its reaction body, in
+    addition to the force of the drive), BODY.force (N, from outside).
 
     outputs: any signal of the model, reading (the input of ADC 0 in its own unit), adc0 and adc1
     (8-bit counts), encoder (counts).
@@ -361,7 +362,11 @@ def linearise(
         inputs = ["drive.force" if name == "drive.command" else name for name in inputs]
     path = str(find_model(model))
     states = working_mode.working(path, overrides, modes, free).modes
-    m = equations.read(path, inputs, outputs, overrides or {}, states, free, drive)
+    plain = ["drive.command" if name == CODE else name for name in inputs]
+    m = equations.read(path, plain, outputs, overrides or {}, states, free, drive)
+    if CODE in inputs:
+        factors = np.where([name == CODE for name in inputs], m.volts_per_code, 1.0)
+        m = replace(m, B=m.B * factors, D=m.D * factors)
     return System(m.A, m.B, m.C, m.D, tuple(m.states), tuple(inputs), tuple(outputs))
 
 

@@ -13,10 +13,12 @@ set.
 """
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from stat import S_ISREG
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -111,16 +113,19 @@ def _elements(path: str, stamp: Stamp) -> _Elements:
     )  # fmt: skip
 
 
-def _stamp(path: str | Path) -> Stamp:
-    stat = Path(path).stat()
-    return stat.st_mtime_ns, stat.st_size
+def _stamp(path: str | Path) -> Stamp | None:
+    """Returns None if there is no such file."""
+    try:
+        stat = os.stat(path)
+    except OSError:
+        return None
+    return (stat.st_mtime_ns, stat.st_size) if S_ISREG(stat.st_mode) else None
 
 
 def _own_elements(path: str | Path) -> _Elements:
     # A missing model file is reported later, by the function that reads models.
-    if not Path(path).is_file():
-        return _Elements()
-    return _elements(str(path), _stamp(path))
+    stamp = _stamp(path)
+    return _elements(str(path), stamp) if stamp else _Elements()
 
 
 def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]]) -> float | None:
@@ -258,10 +263,10 @@ def working(
     free: True if contacts are open. Raises InputError for a file that is not a model.
     """
     named = dict(modes or {})
-    own = _own_elements(path)
-    if not (own.frictions or own.backlashes or own.sliders):
-        return Working(named)
     stamp = _stamp(path)
+    own = _elements(str(path), stamp) if stamp else _Elements()
+    if not stamp or not (own.frictions or own.backlashes or own.sliders):
+        return Working(named)
     if own.frictions:
         chosen = dict(_chosen(str(path), stamp, tuple(sorted((overrides or {}).items()))))
     else:
