@@ -38,7 +38,7 @@ ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 # A scheduling class that runs only on an idle CPU and is interrupted at once. With nice alone, a
 # process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
-FUZZ_S, FUZZ_ALL_S = 4, 40
+FUZZ_S, FUZZ_ALL_S = 4, 20
 SECOND_S = 420  # in which the second tries of a stage have to end
 
 
