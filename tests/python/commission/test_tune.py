@@ -1323,3 +1323,13 @@ def test_a_narrow_peak_far_above_the_crossover_is_seen_when_a_law_is_verified():
     assert rows["with"][0].Ms < 1.9  # which is within the tolerance of the promise
     assert rows["with"][1].Ms > 1.6 + tune.MS_TOLERANCE and 290 < rows["with"][1].Ms_hz < 302
     assert rows["without"][1].Ms < 1.7
+
+
+def test_a_response_ends_below_half_of_the_slowest_rate_of_bus_and_sensor():
+    """At the rate of a bus the excitation vanishes: a response to 400 Hz over 4 ms overflowed."""
+    for cycle_ticks, rate_hz, most in ((1, None, 400), (6, None, 100), (6, 200, 80), (3, 450, 180)):
+        facts = SimpleNamespace(
+            required_drive=SimpleNamespace(bus=SimpleNamespace(cycle_ticks=cycle_ticks)),
+            required_reading=SimpleNamespace(sampling=rate_hz and SimpleNamespace(rate_hz=rate_hz)),
+        )
+        assert tune_measure.highest_hz(facts) == most

@@ -12,7 +12,7 @@ import numpy as np
 
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission import (
     analyzer,
     friction,
@@ -58,8 +58,8 @@ AVERAGES_MIN = 5
 LINES_MIN = 25  # smallest number of spectral lines in the band, if the recorder permits it
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
-# A response in contact ends at most at BAND_MAX_HZ, and at SAMPLED_BAND of the rate of a force
-# sensor with a clock of its own.
+# A response in contact ends at most at BAND_MAX_HZ, and at SAMPLED_BAND of the rate of the bus and
+# of a force sensor with a clock of its own.
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
@@ -288,10 +288,13 @@ def first_contact_N(tuning: TuningFolder, checked: Checked) -> float:
 
 
 def highest_hz(facts: PlantFacts) -> float:
-    """Returns the highest frequency of a response in contact. A force sensor with a clock of its
-    own does not show frequencies near half of its rate."""
-    sampling = facts.required_reading.sampling
-    return min(BAND_MAX_HZ, SAMPLED_BAND * sampling.rate_hz) if sampling else BAND_MAX_HZ
+    """Returns the highest frequency of a response in contact. Frequencies near half of the rate of
+    the bus, or of a force sensor with a clock of its own, are not shown. A bus holds each code for
+    a cycle, so that the excitation vanishes at the rate of the bus."""
+    rates = [TICKS_PER_S / facts.required_drive.bus.cycle_ticks]
+    if sampling := facts.required_reading.sampling:
+        rates.append(sampling.rate_hz)
+    return min(BAND_MAX_HZ, *(SAMPLED_BAND * rate for rate in rates))
 
 
 def force_objects(tuning: TuningFolder) -> Settings:
