@@ -181,6 +181,11 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     for cut in done.cuts:
         assert cut.failed > 0 and cut.case.startswith("contact ") and cut.text in text
         assert re.match(r"[a-zA-Z_]+ ([0-9.]+|never)", cut.why)
+    # That failed contacts are tried first at the next gain changes no result.
+    monkeypatch.setattr(simulate, "REPEATED_MAX", 0)
+    whole = for_set.design(order(FINE, "k_w=30%", latency="0"))
+    assert (whole.bank, whole.loss, whole.rows) == (done.bank, done.loss, done.rows)
+    assert sum(c.simulated for c in whole.cuts) > 2 * sum(c.simulated for c in done.cuts)
 
 
 @pytest.mark.parametrize(

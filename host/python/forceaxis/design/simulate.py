@@ -83,6 +83,7 @@ FRICTION_SHARES = (
 )  # shares of the largest dry friction with which the approach is simulated
 # Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
+REPEATED_MAX = 6  # number of unstable contacts that are simulated first at the next gain
 # Largest permitted force error with a law with integral action, as a share of the force set-point.
 # A force error of HALF_COUNT is always permitted.
 ERROR_MAX = 0.02
@@ -579,13 +580,22 @@ def simulate(
 ) -> list[SimulatedContact]:  # fmt: skip
     """Simulates all contacts of a bench with a filter bank, on each plant of `members` and with
     each latency. The user's own experiment is simulated on the nominal plant only."""
+    every = contacts_of(bench, members, latencies)
+    return simulate_contacts(bench, bank, every, loss, threads, law)
+
+
+def contacts_of(
+    bench: ContactBench, members: Sequence[Plant], latencies: Sequence[int]
+) -> list[Contact]:
+    """Returns all contacts of a bench on each plant of `members` and with each latency, and the
+    user's own experiment on the nominal plant."""
     every: list[Contact] = [
         (case, member, latency)
         for case in bench.cases for member in members for latency in latencies
     ]  # fmt: skip
     if bench.own is not None:
         every += [(NamedCase(bench.own.stem), {}, t) for t in latencies]
-    return simulate_contacts(bench, bank, every, loss, threads, law)
+    return every
 
 
 def simulate_contacts(
@@ -688,13 +698,17 @@ def safe(
 ) -> SafeDesign:  # fmt: skip
     """Returns the filter bank with the largest gain at which every simulated contact is stable.
 
-    The gain is reduced in steps of a tenth. Each gain is tried with all results of losses(). least:
-    smallest gain that is tried, as a share of the first gain. Raises InputError if no gain makes
+    The gain is reduced in steps of a tenth. Each gain is tried with all results of losses(), and
+    first with contacts that were unstable at the gain before. If one of these is unstable again,
+    the other contacts are not simulated. least: smallest gain that is tried, as a share of the
+    first gain. Raises InputError if no gain makes
     every case stable. Also raises it if the approach does not reach the workpiece, because a lower
     gain then does not help.
     """
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
+    every = contacts_of(bench, members, latencies)
+    before: list[Contact] = []  # contacts that were unstable at the gain before
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -704,15 +718,19 @@ def safe(
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
         bad: list[SimulatedContact] | None = None
         for first in losses(bench, bench.cases[0].speed_m_per_s):
-            rows = simulate(bench, tried, members, latencies, first, threads)
-            failed = unstable(rows)
+            for contacts in filter(None, (before, every)):
+                rows = simulate_contacts(bench, tried, contacts, first, threads)
+                failed = unstable(rows)
+                if failed:
+                    break
             if bad is None or len(failed) < len(bad):
-                bad = failed
+                bad, simulated = failed, len(rows)
+                again = [c for c, row in zip(contacts, rows, strict=True) if not row.is_stable]
             if not bad:
                 break
         if bad:
-            refused = bad[0]
-            cuts.append(GainCut(tried.force_gain, len(bad), len(rows), bad[0].case, why(bad[0])))
+            refused, before = bad[0], again[:REPEATED_MAX]
+            cuts.append(GainCut(tried.force_gain, len(bad), simulated, refused.case, why(refused)))
             _expect_contact(bench, bad)
             continue
         loss = choose_loss(bench, tried, latencies, threads)
