@@ -1333,3 +1333,52 @@ def test_a_response_ends_below_half_of_the_slowest_rate_of_bus_and_sensor():
             required_reading=SimpleNamespace(sampling=rate_hz and SimpleNamespace(rate_hz=rate_hz)),
         )
         assert tune_measure.highest_hz(facts) == most
+
+
+class ToldStep(NamedTuple):
+    """A step that tells the band of the responses, and may then refuse."""
+
+    name: str
+    file: as_found.FolderFile
+    told: list
+    refusals: list
+
+    def done(self, _work):
+        return None
+
+    def run(self, work):
+        self.told.append((self.name, tune.CHECK.result(work).band_hz[1]))
+        if self.name == "verify" and self.refusals:
+            raise self.refusals.pop()
+        return "done"
+
+
+def test_a_mode_above_the_responses_is_measured_once_by_the_same_command(
+    plants, designed, monkeypatch
+):
+    """A tool mode of 296 Hz was refused at the end of a tuning, with the band that shows it."""
+    told, say = [], []
+    with Axis(link(plants)) as axis:
+        work = tune.Tuning(axis, order(plants), designed, say.append)
+        before, check = tune.CHECK.result(work).band_hz[1], tune.CHECK.file.required(designed)
+        for modes, after in ((1, "store"), (2, "verify")):
+            tune.CHECK.file.write(designed, check)
+            refusals = [tune.HighMode("a mode", 296.0, (1.0, 390.0)) for _ in range(modes)]
+            table = {
+                name: ToldStep(name, tune.STEP_TABLE[name].file, told, refusals)
+                for name in tune.STEPS[1:]
+            }
+            monkeypatch.setattr(tune, "STEP_TABLE", tune.STEP_TABLE | table)
+            told.clear()
+            if modes == 1:
+                work._run_steps(None)
+            else:
+                with pytest.raises(Refusal, match="a mode"):
+                    work._run_steps(None)
+            until, again = tune.STEPS.index("verify"), tune.STEPS.index("measure")
+            end = tune.STEPS.index(after) + 1
+            assert told == [
+                *((name, before) for name in tune.STEPS[1 : until + 1]),
+                *((name, 390.0) for name in tune.STEPS[again:end]),
+            ]
+    assert sum("measured again to 390 Hz" in line for line in say) == 2

@@ -659,35 +659,44 @@ def verify(
                 _expect_predicted(about, force, checked.band_hz, band_hz[1])
     except Refusal as refusal:
         _restore_earlier_law(tuning)
-        raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
+        text = f"{refusal.text}; {EARLIER_LAW_AGAIN}"
+        if isinstance(refusal, HighMode):
+            raise HighMode(text, refusal.peak_hz, refusal.band_hz) from None
+        raise Refusal(refusal.name, text) from None
     return Verified(levels)
+
+
+class HighMode(Refusal):
+    """A refusal of the step `verify`: |S| has a peak at `peak_hz`, above the measured responses.
+    `band_hz`: a band with which the responses show it."""
+
+    def __init__(self, text: str, peak_hz: float, band_hz: tuple[float, float]) -> None:
+        super().__init__("verify", text)
+        self.peak_hz, self.band_hz = peak_hz, band_hz
 
 
 def _expect_predicted(
     about: VerifiedResponse, force: float, measured_hz: tuple[float, float], most_hz: float
 ) -> None:
     """Raises Refusal if the measured Ms at a force in N is larger than predicted, by more than its
-    error. `measured_hz`, `most_hz`: see _wider_band()."""
+    error. `measured_hz`: band of the responses. `most_hz`: highest frequency that can be
+    measured."""
     error = _bound_of_peak(about) * about.Ms_error
-    if about.Ms - error > about.Ms_predicted + MS_TOLERANCE:
-        raise Refusal(
-            "verify", "expected a measured Ms that exceeds the predicted Ms "
-            f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
-            f"{about.Ms:.3g} +-{error:.2g} at {about.Ms_hz:.3g} Hz"
-            + _wider_band(about.Ms_hz, measured_hz, most_hz)
-        )  # fmt: skip
-
-
-def _wider_band(peak_hz: float, measured_hz: tuple[float, float], most_hz: float) -> str:
-    """Returns the end of a text about a peak of |S| above the band `measured_hz` of the responses,
-    or "" for one within this band. `most_hz`: highest frequency that can be measured."""
+    if about.Ms - error <= about.Ms_predicted + MS_TOLERANCE:
+        return
+    text = (
+        f"expected a measured Ms that exceeds the predicted Ms {about.Ms_predicted:.3g} at "
+        f"{force:g} N by at most {MS_TOLERANCE:g}, got {about.Ms:.3g} +-{error:.2g} at "
+        f"{about.Ms_hz:.3g} Hz"
+    )
     low, high = measured_hz
-    if peak_hz <= high:
-        return ""
-    return (
+    if about.Ms_hz <= high:
+        raise Refusal("verify", text)
+    text += (
         f": a mode that the model lacks, above the responses, which end at {high:.3g} Hz; give "
         f"`band_hz` {low:.3g}:{most_hz:.3g}, so that they show it"
     )
+    raise HighMode(text, about.Ms_hz, (low, most_hz))
 
 
 def _bound_of_peak(about: VerifiedResponse) -> float:
@@ -981,12 +990,36 @@ class Tuning(TuningFolder):
         self.step = only or STEPS[0]
         try:
             with as_found.restoring(self):
-                for self.step in (only,) if only else STEPS:
-                    self._do(STEP_TABLE[self.step], bool(only))
+                self._run_steps(only)
         except (Refusal, Refused, NoAnswer) as error:
             refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
             raise self._told(refusal) from None
         return self.summary()
+
+    def _run_steps(self, only: str | None) -> None:
+        """Runs one step or all. If a mode above the responses shows in the step `verify`, the
+        responses are measured again with a wider band, once."""
+        left, widened = list((only,) if only else STEPS), bool(only)
+        while left:
+            self.step = left.pop(0)
+            try:
+                self._do(STEP_TABLE[self.step], bool(only))
+            except HighMode as mode:
+                if widened:
+                    raise
+                widened, left = True, list(STEPS[STEPS.index(MEASURE.name) :])
+                self._widen(mode)
+
+    def _widen(self, mode: HighMode) -> None:
+        checked = CHECK.file.required(self.folder)
+        self.say(
+            f"|S| has a peak at {mode.peak_hz:.3g} Hz, above the responses, which end at "
+            f"{checked.result.band_hz[1]:.3g} Hz: they are measured again to "
+            f"{mode.band_hz[1]:.3g} Hz"
+        )
+        wider = replace(checked.result, band_hz=mode.band_hz)
+        CHECK.file.write(self.folder, replace(checked, result=wider))
+        self._file(MEASURE.name).unlink(missing_ok=True)
 
     def _told(self, refusal: Refusal) -> Refusal:
         """Shows what a refusal adds to the model, and writes the model with it."""
