@@ -4,6 +4,7 @@ import json
 import math
 import re
 import shutil
+from types import SimpleNamespace
 
 import drawn_axes
 import numpy as np
@@ -26,7 +27,9 @@ from forceaxis.commission import (
     missing_parts,
     sine_excitation,
     tune,
+    tune_fit,
     tune_measure,
+    tune_results,
 )
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MOST_CODES, MeasuringOrder
@@ -352,6 +355,34 @@ def test_a_step_begins_where_the_tuning_began_and_a_refusal_ends_there(
         with pytest.raises(Refusal, match="as this test wants"):
             tune_measure.measure(work, checked, None)
         assert [places[0], axis.read("position")] == pytest.approx([start, start], abs=50)
+
+
+def test_a_sensor_yields_no_more_than_was_measured_before_the_workpiece_slid(press, monkeypatch):
+    """A latency had made the fitted sensor a third too soft and the workpiece too stiff: on a
+    workpiece that sticks, the law had Ms 2.6 and had promised 2.0. The stiffnesses of the slow
+    change are measured values, which a fit may not leave as one of a data sheet."""
+    monkeypatch.setattr(
+        tune_fit.linear, "facts", lambda model: SimpleNamespace(
+            required_encoder=SimpleNamespace(scale=COUNTS),
+            parameters={"m_w": SimpleNamespace(value=2.0)},
+        ),
+    )  # fmt: skip
+    work = SimpleNamespace(
+        given=press / "model.toml", order=SimpleNamespace(priors=("m_w=2",)),
+    )  # fmt: skip
+    rub = friction_models.FrictionElement(friction_models.TABLE, ("workpiece", "ground"), 5.0)
+    slow = tune_results.SlowChange(
+        friction_N=5.0, sticks=False, compliance=COUNTS / K_S, sliding=COUNTS / K_W,
+        low_N=20.0, high_N=120.0,
+    )  # fmt: skip
+    measured = SimpleNamespace(between=slow, shaken=None)
+    found = [
+        tune_fit._workpiece(work, (rub,), measured, best)
+        for best in (None, {"k_s": 0.95 * K_S}, {"k_s": 0.65 * K_S}, {"k_s": 1.5 * K_S})
+    ]
+    assert ["k_s" in one for one in found] == [False, False, True, False]
+    assert found[2]["k_s"].value == pytest.approx(K_S)
+    assert not any(prior.surmised for one in found for prior in one.values())
 
 
 def mass_of(work):

@@ -134,7 +134,11 @@ def test_the_evidence_decides_whether_a_cause_is_named():
     assert missing_parts.text_of(part).startswith("one of several causes is sensor_lag text: ")
     assert missing_parts.winner([lag, replace(lag, gain=39.0), frame]) is not None  # the same cause
     assert missing_parts.winner([]) is None
-    text = missing_parts.text_of([lag, replace(latency, gain=31.0), frame])
+    both = [lag, replace(latency, gain=31.0), frame]
+    assert missing_parts.delay(both) is lag  # a law with one of them bears the other
+    assert missing_parts.delay([*both[:2], replace(frame, gain=31.0)]) is None
+    assert missing_parts.delay([lag, latency, frame]) is None
+    text = missing_parts.text_of(both)
     assert "sensor_lag text or latency text" in text and "frame text" not in text
     text = missing_parts.text_of([frame])
     assert "none of these alone explains it: a mode of frame or tool" in text

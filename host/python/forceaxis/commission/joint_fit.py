@@ -142,6 +142,7 @@ class JointFit:
     rejected: str | None = None  #: reason for the rejection in one word: prior, chi2 or coherence
     text: str = ""  #: text about the reason for the rejection of the fit
     remedy: str = ""  #: text about what to do if the rejected value is right
+    beyond: str | None = None  #: for a fit that is rejected as prior: the parameter far from it
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: {parameter: its 95 % interval}
     #: {"a/b" or "a*b": (value, low, high)} for accurate quotients and products of two parameters
@@ -711,6 +712,7 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
     elif distances[worst] > PRIOR_DISTANCE_MAX:
         name = problem.names[worst]
         found.rejected, found.surmised = "prior", problem.priors[name].surmised
+        found.beyond = name
         value = f"{name}={found.best[name]:.4g}+-{GIVEN_PERCENT}%"
         found.remedy = f"if this value is right, give `priors` {value}"
         found.text = (

@@ -138,6 +138,14 @@ def leader(tried: Sequence[Tried]) -> Tried | None:
     return first if first and lead(tried) >= EVIDENCE_MIN else None
 
 
+def delay(tried: Sequence[Tried]) -> Tried | None:
+    """Returns the first candidate if only a lag and a latency of the measured force are not
+    excluded, otherwise None. Both delay the force, so that a law with one of them bears the other
+    one. `tried`: as for winner()."""
+    left = {one.name for one in tried if possible(tried, one.name)}
+    return tried[0] if left == DELAYS else None
+
+
 def lead(tried: Sequence[Tried]) -> float:
     """Returns by how much the evidence of the first candidate exceeds that of the best candidate
     with another name. The model as it is does not count, because its fit was rejected."""
@@ -187,6 +195,7 @@ WORDS = {
     "stiffening": "a stiffness that depends on the force", "play": "play in the transmission",
     "cogging": "cogging of the motor",
 }  # fmt: skip
+DELAYS = {"sensor_lag", "latency"}
 BY_AMPLITUDE = {"guide_friction", "play", "cogging"}
 
 
