@@ -4,6 +4,7 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 
 import drawn_axes
@@ -355,6 +356,24 @@ def test_a_step_begins_where_the_tuning_began_and_a_refusal_ends_there(
         with pytest.raises(Refusal, match="as this test wants"):
             tune_measure.measure(work, checked, None)
         assert [places[0], axis.read("position")] == pytest.approx([start, start], abs=50)
+
+
+def test_an_axis_that_returns_stops_at_a_workpiece_that_was_not_there(press, tmp_path):
+    """Someone has put a longer part in after the kill: the place of the start is inside it."""
+    with Axis(link(press)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        work.run("check")
+        checked = tune.CHECK.result(work)
+        inside = replace(checked.rest, position=checked.rest.position + 3000)
+        work.coasted, before = True, axis.read("position")
+        with (
+            pytest.raises(Refusal, match="the axis touched the workpiece"),
+            tune_measure.returning(work, replace(checked, rest=inside)),
+        ):
+            raise AssertionError("the step begins")
+        assert axis.read("position") == pytest.approx(before, abs=50)
+        assert axis.read("drive_state") != "operation_enabled"
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N / 2
 
 
 def test_a_sensor_yields_no_more_than_was_measured_before_the_workpiece_slid(press, monkeypatch):

@@ -296,11 +296,16 @@ def _attempt(
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         # The fitted stiffness of the sensor makes the results of the sine test more accurate.
         found = fitted(before | again)
-    if found.rejected == "prior" and measured.between.bends != (1.0, 1.0):
-        # A stiffness that depends on the force is another one in slow motions over all forces.
-        found = fitted(sheet)
-    elif found.beyond in again.keys() | {n for n, prior in before.items() if prior != sheet.get(n)}:
-        found.remedy = ""  # its prior was measured, so that the fitted value is wrong
+    if found.rejected == "prior" and found.beyond is not None:
+        used, name = before | again, found.beyond
+        is_stiffness = name in (workpiece_names(given)[0], sensor_names(given)[0])
+        is_measured = is_stiffness and used.get(name) != sheet.get(name)
+        if is_measured and measured.between.bends == (1.0, 1.0):
+            found.remedy = ""  # the measured stiffness is right, so the fitted value is wrong
+        elif used != sheet:
+            # The responses contradict the mass that the sines show, or a stiffness that depends on
+            # the force and is another one in slow motions over all forces.
+            found = fitted(sheet)
     return _Attempt(found, frictions, dampers, names, sheet)
 
 

@@ -102,18 +102,9 @@ def returning(tuning: TuningFolder, checked: Checked) -> Iterator[None]:
     """Context of a step that moves the axis. If a killed run has left the axis moving, the axis
     first moves back to its position in the step `check`. After a Refusal, the axis moves back to
     the position at which the step began, because near the workpiece the next run could not check
-    it.
-
-    After a killed run, the axis passes only places which it has passed before. Its position is
-    valid, because the encoder continues to count while a fault is latched.
-    """
+    it."""
     if tuning.coasted:
-        distance = tuning.axis.integer("position") - checked.rest.position
-        tuning.say(
-            "the axis returns to the position at which this tuning began, over "
-            f"{abs(distance) / per_mm(tuning):.3g} mm"
-        )
-        go_home(tuning, checked)
+        _return(tuning, checked)
         tuning.coasted = False
     start = tuning.axis.integer("position")
     try:
@@ -122,6 +113,23 @@ def returning(tuning: TuningFolder, checked: Checked) -> Iterator[None]:
         with contextlib.suppress(NoAnswer, Refused, Refusal):
             go_home(tuning, checked, start)
         raise
+
+
+def _return(tuning: TuningFolder, checked: Checked) -> None:
+    """Moves an axis that a killed run has left back to its position in the step `check`, from any
+    distance. Its position is valid, because the encoder continues to count while a fault is
+    latched. Raises Refusal if the axis meets a workpiece on this way, which was free before."""
+    axis, start = tuning.axis, checked.rest.position
+    distance = abs(axis.integer("position") - start)
+    tuning.say(
+        "the axis returns to the position at which this tuning began, over "
+        f"{distance / per_mm(tuning):.3g} mm"
+    )
+    with temporary(axis, checked.settings), analyzer_of(tuning) as measures:
+        measures.home = axis.integer("position")
+        is_free = not axis.integer("contact")
+        if measures.go(start, until_contact=is_free).contact and is_free:
+            measures.refuse_contact()
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:

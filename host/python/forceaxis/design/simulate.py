@@ -701,9 +701,8 @@ def safe(
     The gain is reduced in steps of a tenth. Each gain is tried with all results of losses(), and
     first with contacts that were unstable at the gain before. If one of these is unstable again,
     the other contacts are not simulated. least: smallest gain that is tried, as a share of the
-    first gain. Raises InputError if no gain makes
-    every case stable. Also raises it if the approach does not reach the workpiece, because a lower
-    gain then does not help.
+    first gain. Raises InputError if no gain makes every case stable. Also raises it if the approach
+    does not reach the workpiece, because a lower gain then does not help.
     """
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
