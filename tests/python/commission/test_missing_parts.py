@@ -3,6 +3,7 @@ the true plant, in which the disturbance is a part or a number, and what is prin
 
 import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import drawn_axes
 import drawn_machines
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from forceaxis import linear
 from forceaxis.commission import joint_fit, known, missing_parts
+from forceaxis.design import model_file
 from test_axis_fit import OVER, TRUTH, measured, model, parameters, true_values  # noqa: F401
 
 pytestmark = pytest.mark.beside
@@ -151,3 +153,26 @@ def test_nothing_is_named_where_the_model_explains_the_responses(model, tmp_path
     )
     assert found.rejected is None
     assert missing_parts.winner(missing_parts.of(found, tmp_path)) is None
+
+
+def test_a_second_mode_has_a_name_of_its_own(model, tmp_path):  # noqa: F811
+    """A mode of the tool was added as a cause, and the next one had the same name: the refusal was
+    that of the reader of models."""
+    values = {"m_mode": 2.0, "k_mode": 1e5, "b_mode": 30.0}
+    path = tmp_path / "model.toml"
+    path.write_text(model.read_text())
+    kinds = 0
+    for _ in range(3):
+        problem = SimpleNamespace(
+            model=path, measured=[SimpleNamespace(frequency_hz=np.array([1.0, 100.0]))]
+        )
+        one = missing_parts._Model(problem, {}, model_file.read(path), linear.facts(path))
+        places = [members[0] for members in missing_parts._frames(one)]
+        for place in places:
+            whole = tmp_path / "whole.toml"
+            whole.write_text(missing_parts.with_lines(path, place.lines(values)))
+            bodies = len(linear.facts(whole).masses_kg)
+            assert bodies == len(linear.facts(path).masses_kg) + 1
+        kinds += len(places)
+        path.write_text(missing_parts.with_lines(path, places[kinds % len(places)].lines(values)))
+    assert kinds >= 6

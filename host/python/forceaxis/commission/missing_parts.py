@@ -13,6 +13,7 @@ exp(5) = 150 times as likely with it (Kass and Raftery, J. American Statistical 
 1995).
 """
 
+import itertools
 import math
 import tempfile
 import zlib
@@ -544,10 +545,13 @@ def _frames(model: _Model) -> list[list[Candidate]]:
     a body of the axis."""
     hz = np.concatenate([m.frequency_hz for m in model.problem.measured])
     moving = model.facts.moving_kg(model.tables.workpiece)
-    kinds = [("mode", body) for body in model.moved]
-    if model.ground == "ground":
+    taken = {body.name for body in model.tables.bodies}
+    numbers = (f"mode_{number}" for number in itertools.count(2))
+    mode = next(name for name in itertools.chain(["mode"], numbers) if name not in taken)
+    kinds = [(mode, body) for body in model.moved]
+    if model.ground == "ground" and BED not in taken:
         kinds.append((BED, "ground"))
-    if model.tables.contact:
+    if model.tables.contact and TOOL not in taken:
         kinds.append((TOOL, model.tool))
 
     def of(name: str, end: str, at_hz: float) -> Candidate:
