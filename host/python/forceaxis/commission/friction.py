@@ -575,11 +575,12 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     if it is unknown."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
+    late = _simplest([_creep(F, x, knots) for knots in (0, KNOTS)])
     one, curved = (_loops(F, x, knots, (1.0,)) for knots in (0, KNOTS))
-    if one.rubs:
+    bent = _simplest([one, curved])
+    if one.rubs or (bent.rubs and bent.left < late.left):
         # Its first state and a stiffness that depends on the force change the size of a friction.
         one = _simplest([_loops(F, x, knots, FIRST_STATES) for knots in (0, KNOTS)])
-    late = _simplest([_creep(F, x, knots) for knots in (0, KNOTS)])
     half, c_all, c_slide, rubs = one.half, one.whole, one.slides, one.rubs
     other = min(one.left, curved.left)
     relaxes = min(late.at_once, late.creep) > 0 and late.left < RELAXING_SHARE * other

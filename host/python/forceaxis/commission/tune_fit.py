@@ -69,8 +69,9 @@ RUBBING_ERROR, RUBBING_RATIO, RUBBING_ERROR_MAX = 0.3, 0.4, 2.0
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 # relative error of a stiffness that is computed from the travel between two forces
 TRAVEL_STIFFNESS_ERROR = 0.1
-# Compliance of the fitted sensor divided by the measured one, above which the fit is repeated.
-STUCK_MORE = 1.25
+# Compliance of the fitted sensor divided by the measured one, above which the fit is repeated. A
+# compliance below STUCK_SHARE_MIN times that of the workpiece is not measured.
+STUCK_MORE, STUCK_SHARE_MIN = 1.25, 0.1
 # The test with sines determines the mass if its relative standard error is below this value.
 SINE_MASS_ERROR_MAX = 0.2
 SINE_ERROR_MIN = 0.04  # smallest relative error of stiffness and mass from the test with sines
@@ -595,7 +596,8 @@ def _workpiece(
     # Before the workpiece slides, the sensor alone does not yield more than was measured. A part
     # that the model lacks may yield too, so the sensor may be stiffer than measured.
     stuck = measured.between.compliance
-    if sensor and best and sensor in best and scale / best[sensor] > STUCK_MORE * stuck:
+    is_soft = sensor and best and sensor in best and scale / best[sensor] > STUCK_MORE * stuck
+    if sensor and is_soft and stuck > STUCK_SHARE_MIN * sliding:
         found[sensor] = Prior(scale / stuck, TRAVEL_STIFFNESS_ERROR, False)
     if stiffness and sliding:
         value = scale / sliding
