@@ -173,6 +173,14 @@ def test_a_mode_in_a_narrow_band_is_not_hidden_by_a_large_error_of_all_lines(mod
     assert fit.rejected == "chi2" and fit.p > 0.1  # of all lines together
 
 
+def test_a_workpiece_whose_antiresonance_is_above_all_lines_is_fitted(model):
+    """A sheet with a workpiece of 0.1 g on a stiff spring gave the search nothing to begin with."""
+    light = known.priors(model, OVER)
+    light |= {n: replace(light[n], value=v) for n, v in (("k_w", 2e7), ("m_w", 1e-4))}
+    found = joint_fit.joint(model, light, three(model, true_values(model)), OVER)
+    assert found.rejected in ("chi2", "prior")
+
+
 def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
     truth = true_values(model)
     stiffer = truth | {"k_s": 1.15 * truth["k_s"]}

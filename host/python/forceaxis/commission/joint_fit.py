@@ -353,7 +353,9 @@ class Responses:
             if np.all(abs(x - self.centre) < 0.9 * self.reach * self.spread):
                 size = np.sum(2 * (np.sqrt(1 + self.coarse(x) ** 2) - 1))
                 found.append((float(size), x))
-        return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
+        best = [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
+        # The antiresonance of a light workpiece on a stiff spring is far above all spectral lines.
+        return best or [self.centre.copy()]
 
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
         """Returns the lowest and the highest logarithms within which parameters are searched.
@@ -490,19 +492,13 @@ def searched(problem: Responses) -> Samples:
     in place of a light one on a soft spring. Then another search begins with the prior values of
     the parameters that are far.
     """
-    best: Minimum | None = None
     enough = chi_square_bound(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
-    for start in problem.starts():
-        found = problem.search(start)
-        if best is None or found.cost < best.cost:
-            best = found
+    first, *others = problem.starts()
+    best = problem.search(first)
+    for start in others:
         if 2 * best.cost < enough:
             break
-    if best is None:
-        raise InputError(
-            "fit: expected at least one set of start values within the ranges of the prior "
-            "values, got none"
-        )
+        best = min(best, problem.search(start), key=lambda found: found.cost)
     far = abs(best.x - problem.centre) > FAR * problem.spread
     if far.any():
         again = problem.search(np.where(far, problem.centre, best.x))
