@@ -3,6 +3,7 @@ and what is refused."""
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import drawn_axes
 import numpy as np
@@ -179,6 +180,20 @@ def test_a_workpiece_whose_antiresonance_is_above_all_lines_is_fitted(model):
     light |= {n: replace(light[n], value=v) for n, v in (("k_w", 2e7), ("m_w", 1e-4))}
     found = joint_fit.joint(model, light, three(model, true_values(model)), OVER)
     assert found.rejected in ("chi2", "prior")
+
+
+def test_the_error_at_half_the_rate_of_a_slow_sensor_is_that_of_its_highest_line():
+    """A refusal had named an infinite error and a wider band, which a sensor of 10/s does not
+    show."""
+    hz = np.arange(1.0, 4.01, 0.25)
+    slow = SimpleNamespace(
+        frequency_hz=hz, resolution_hz=0.25, response=np.ones(len(hz), complex),
+        variance=np.linspace(0.01, 0.25, len(hz)), ages=(75.0, 150.0), dt=1 / 1500,
+    )  # fmt: skip
+    assert joint_fit._error_near(slow, 5.0) == pytest.approx(0.5)
+    assert joint_fit._error_near(slow, 4.8) == math.inf
+    slow.ages = (0.0, 0.0)
+    assert joint_fit._error_near(slow, 5.0) == math.inf
 
 
 def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):

@@ -67,6 +67,9 @@ GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
 # A frequency is near the limiting mode if their logarithms differ by less than this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
+# A limiting mode is at half the rate of the force sensor if it differs from it by less than this
+# fraction.
+HALF_RATE_WIDTH = 0.02
 # Largest relative standard error of a response near the limiting mode.
 LIMITING_MODE_ERROR_MAX = 0.2
 # A damping is determined by the responses if the standard error of its logarithm is smaller.
@@ -730,12 +733,16 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 
 def _error_near(measured: Measurement, hz: float) -> float:
     """Returns the relative standard error of a response in a narrow band around a frequency. The
-    band includes the neighbouring spectral lines, and the lowest one for a frequency below it. The
-    error is infinite if the response has no spectral line in the band."""
+    band includes the neighbouring spectral lines, and the lowest one for a frequency below it. At
+    half the rate of the force sensor, which no response reaches, it has the highest one. The error
+    is infinite if the response has no spectral line in the band."""
     at, width = measured.frequency_hz, measured.resolution_hz
     near = (abs(np.log(at / hz)) < LIMITING_MODE_WIDTH_LOG) | (abs(at - hz) <= width)
     if hz < at[0]:
         near[0] = True
+    period_s = measured.ages[1] * measured.dt
+    if period_s and abs(2 * hz * period_s - 1) < HALF_RATE_WIDTH:
+        near[-1] = True
     if not near.any():
         return math.inf
     power = np.sum(abs(measured.response[near]) ** 2)
