@@ -6,7 +6,7 @@ usage: tools/test [--quick | --all]
            (90 s at most)
   (none)   all that decides whether a change is good (12 minutes)
   --all    that, and what needs longer: sanitizers, more seeds, whole sweeps, fuzzers; at the end,
-           whether each promise of docs/guide/proofs.md is held by tests that passed (55 minutes)
+           whether each promise of docs/guide/proofs.md is held by tests that passed (70 minutes)
 
 A skipped test is a failed test here, and so is a program that ends without its result. A test that
 runs in wall time on real buses and fails is tried a second time, with the others of its stage for
