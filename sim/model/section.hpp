@@ -127,8 +127,9 @@ class Section {
 
 /// Parses a TOML file. Throws InputError.
 toml::table parse_toml(const std::string &file);
-/// Returns the table of parse_toml(). A thread parses a file again only if its text has changed,
-/// because an analysis of a set of plants reads the same model for each plant.
+/// Returns the result of parse_toml(file). Each thread keeps the tables of the eight files that it
+/// has parsed last, and parses such a file again only if the text of the file has changed: an
+/// analysis of a set of plants reads the same model for each plant. Throws InputError.
 std::shared_ptr<const toml::table> shared_toml(const std::string &file);
 /// Parses a TOML text. Messages name the text `file`. Throws InputError.
 toml::table parse_toml_text(std::string_view text, const std::string &file);

@@ -253,7 +253,8 @@ def contacts(model, truth, forces, bank, designed, axis=None):
         bench.wait_for(bank)
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
-        # Of the new rated force: with that of the default, small forces were never reached.
+        # The slope is in per mille of the rated force. With the slope for a rated force of 100 N,
+        # a force of 1.8 N was not reached within the run.
         bench.settings["force_slope"] = round(1000 / simulate.RAMP_S)
         kept = designed["contact_loss"]
         loss = {name: kept[name] for name in experiment_file.LOSS if name in kept}

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """The pages of docs/guide as what they are to a test: commands, the lines that they print, files.
 
-`tests/support/guide.py PAGE...` plays pages of a built checkout, and prints what they show wrongly.
+`tests/support/guide.py PAGE...` plays pages in a built checkout, and prints
+each line that a page shows and its commands did not print.
 
 A fenced block of a page is, by its language,
   bash      typed, command by command, in the folder of the page's session; `export NAME=VALUE`
@@ -161,7 +162,8 @@ def play(page, folder, wheel=None):
 
 
 def main(pages):
-    """Plays pages and prints what they show that was not printed. Returns the exit status."""
+    """Plays pages, and prints each line that a page shows and its commands did not print. Returns
+    the exit status."""
     status = 0
     for page in map(Path, pages):
         with tempfile.TemporaryDirectory() as folder:

@@ -282,7 +282,7 @@ def test_all_loops_have_the_same_digits_under_every_kernel():
 
 @pytest.mark.beside
 @pytest.mark.long
-def test_what_computes_digits_passes_under_every_kernel():
+def test_what_computes_digits_passes_under_other_kernels():
     """The tests of loops, sets and designs as they are, in a process of a kernel: two kernels drawn
     by chance, or with FORCEAXIS_KERNELS=all each that this processor executes."""
     files = [

@@ -229,3 +229,14 @@ def test_models_of_the_project():
         "nl_stick_slip": {"rail": "forward"},
         "nl_stiction": {"rail": "forward"},
     }
+
+
+def test_a_code_is_an_input_beside_the_command_that_it_stands_for():
+    """The input in DAC codes is the command in V times the V per code; other inputs keep theirs."""
+    inputs = ("drive.code", "drive.command", "drive.tach")
+    found = linear.linearise("fig4_19", inputs, ("drive.command", "reading"))
+    volts = linear.facts("fig4_19").volts_per_code
+    one = linear.linearise("fig4_19", ("drive.command", "drive.tach"), ("drive.command", "reading"))
+    assert found.inputs == inputs
+    for whole, part in ((found.B, one.B), (found.D, one.D)):
+        np.testing.assert_array_equal(whole, np.column_stack([volts * part[:, 0], part]))

@@ -25,7 +25,7 @@ NEEDED = {
 COMPUTES = {"real_machine"}  # for 20 s
 
 
-# A long page is executed by test_release.py alone, from the wheel.
+# Long pages are executed by test_release.py only, from the wheel.
 SHORT = [
     pytest.param(p, id=p.stem, marks=[pytest.mark.beside] if p.stem in COMPUTES else [])
     for p in guide.pages()

@@ -145,7 +145,8 @@ class JointFit:
     rejected: str | None = None  #: reason for the rejection in one word: prior, chi2 or coherence
     text: str = ""  #: text about the reason for the rejection of the fit
     remedy: str = ""  #: text about what to do if the rejected value is right
-    beyond: str | None = None  #: for a fit that is rejected as prior: the parameter far from it
+    #: for a fit that is rejected as prior: the parameter that is too far from its prior value
+    beyond: str | None = None
     values: Values | None = None  #: the values `best` if the fit is not rejected, otherwise None
     intervals: dict[str, tuple[float, float]] | None = None  #: {parameter: its 95 % interval}
     #: {"a/b" or "a*b": (value, low, high)} for accurate quotients and products of two parameters
@@ -734,8 +735,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _error_near(measured: Measurement, hz: float) -> float:
     """Returns the relative standard error of a response in a narrow band around a frequency. The
     band includes the neighbouring spectral lines, and the lowest one for a frequency below it. At
-    half the rate of the force sensor, which no response reaches, it has the highest one. The error
-    is infinite if the response has no spectral line in the band."""
+    half the rate of the force sensor, which no response reaches, the band includes the highest
+    line. The error is infinite if the response has no spectral line in the band."""
     at, width = measured.frequency_hz, measured.resolution_hz
     near = (abs(np.log(at / hz)) < LIMITING_MODE_WIDTH_LOG) | (abs(at - hz) <= width)
     if hz < at[0]:

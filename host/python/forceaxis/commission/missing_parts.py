@@ -141,8 +141,8 @@ def leader(tried: Sequence[Tried]) -> Tried | None:
 
 def delay(tried: Sequence[Tried]) -> Tried | None:
     """Returns the first candidate if only a lag and a latency of the measured force are not
-    excluded, otherwise None. Both delay the force, so that a law with one of them bears the other
-    one. `tried`: as for winner()."""
+    excluded, otherwise None. Both delay the measured force, and the step `verify` measures the law
+    that is designed with one of them. `tried`: as for winner()."""
     left = {one.name for one in tried if possible(tried, one.name)}
     return tried[0] if left == DELAYS else None
 

@@ -69,8 +69,9 @@ RUBBING_ERROR, RUBBING_RATIO, RUBBING_ERROR_MAX = 0.3, 0.4, 2.0
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 # relative error of a stiffness that is computed from the travel between two forces
 TRAVEL_STIFFNESS_ERROR = 0.1
-# Compliance of the fitted sensor divided by the measured one, above which the fit is repeated. A
-# compliance below STUCK_SHARE_MIN times that of the workpiece is not measured.
+# The fit is repeated if the fitted compliance of the sensor exceeds the measured compliance by the
+# factor STUCK_MORE. A compliance of the sensor below STUCK_SHARE_MIN times the compliance of the
+# workpiece is too small to be measured.
 STUCK_MORE, STUCK_SHARE_MIN = 1.25, 0.1
 # The test with sines determines the mass if its relative standard error is below this value.
 SINE_MASS_ERROR_MAX = 0.2
@@ -196,15 +197,11 @@ def _with_cause(
     tried first, where it is possible. Returns None if no candidate is a cause by evidence, or if it
     is not linear, or if the fit with it is hardly better. Returns three values: the fit, the tuning
     with the completed model, and the TOML text that the model lacks."""
-    cause = missing_parts.leader(tried) or missing_parts.delay(tried)
     if missing_parts.possible(tried, "guide_friction"):
         rubs = _with_hidden_friction(tuning, free, measured)
-        is_cause = cause is not None and cause.name == "guide_friction"
-        rejected = rubs.found.rejected if rubs else None
-        if rubs and (
-            not rejected or (rejected in EXPLAINED and is_cause and _is_better(rubs, done))
-        ):
+        if rubs:
             return rubs, tuning, ""
+    cause = missing_parts.leader(tried) or missing_parts.delay(tried)
     if cause is None or _is_given(tuning, cause):
         return None
     completed, lines = tuning, cause.toml
@@ -219,16 +216,12 @@ def _with_cause(
         completed = tuning.with_part(path, cause.priors)
         moving_N = tune_measure.moving_N(completed, free)
         again = _attempt(completed, free, measured, moving_N, SLIDING_SPREAD)
-    if again.found.rejected and not _is_better(again, done):
+    better = done.found.chi2 - again.found.chi2 > missing_parts.EVIDENCE_MIN
+    if again.found.rejected and not better:
         return None
     which = "it" if missing_parts.leader(tried) else cause.text
     tuning.say(f"{missing_parts.text_of(tried)}; the tuning continues with {which}")
     return again, completed, lines
-
-
-def _is_better(attempt: _Attempt, before: _Attempt) -> bool:
-    """Returns True if a fit clearly explains the responses better than the fit before."""
-    return before.found.chi2 - attempt.found.chi2 > missing_parts.EVIDENCE_MIN
 
 
 def _is_given(tuning: TuningFolder, cause: missing_parts.Tried) -> bool:
@@ -297,15 +290,16 @@ def _attempt(
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         # The fitted stiffness of the sensor makes the results of the sine test more accurate.
         found = fitted(before | again)
-    if found.rejected == "prior" and found.beyond is not None:
+    if found.beyond is not None:
         used, name = before | again, found.beyond
         is_stiffness = name in (workpiece_names(given)[0], sensor_names(given)[0])
         is_measured = is_stiffness and used.get(name) != sheet.get(name)
         if is_measured and measured.between.bends == (1.0, 1.0):
-            found.remedy = ""  # the measured stiffness is right, so the fitted value is wrong
+            found.text += ", although its value was measured while the force changed slowly"
+            found.remedy = ""  # which frees a value that is given, not one that is measured
         elif used != sheet:
-            # The responses contradict the mass that the sines show, or a stiffness that depends on
-            # the force and is another one in slow motions over all forces.
+            # The responses contradict the mass that was measured with sines. Or the stiffness
+            # depends on the force, so that a slow change over all forces shows another value.
             found = fitted(sheet)
     return _Attempt(found, frictions, dampers, names, sheet)
 
@@ -315,7 +309,7 @@ def _with_hidden_friction(
 ) -> _Attempt | None:
     """Fits the friction of guide and gear that the motion out of contact does not show. Each
     response has a damper of its own, and each damping shows a friction at the speed of its
-    response. Returns None if no damping shows a friction."""
+    response. Returns None if no friction explains the responses."""
     guess_N = HIDDEN_SHARE * min(tuning.order.forces)
     wide = _attempt(tuning, free, measured, guess_N, HIDDEN_SPREAD)
     sizes = [
@@ -328,7 +322,8 @@ def _with_hidden_friction(
     if not sizes:
         return None
     newton = guess_N * math.exp(float(np.median(sizes)))
-    return _attempt(tuning, free, measured, newton, SLIDING_SPREAD)
+    done = _attempt(tuning, free, measured, newton, SLIDING_SPREAD)
+    return None if done.found.rejected else done
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
@@ -593,8 +588,8 @@ def _workpiece(
     facts, given = linear.facts(tuning.given), _given_priors(tuning)
     scale = abs(facts.required_encoder.scale)
     found: dict[str, Prior] = {}
-    # Before the workpiece slides, the sensor alone does not yield more than was measured. A part
-    # that the model lacks may yield too, so the sensor may be stiffer than measured.
+    # While the workpiece sticks, the measured compliance is that of the sensor and of all parts
+    # that the model lacks. It is therefore an upper bound of the compliance of the sensor.
     stuck = measured.between.compliance
     is_soft = sensor and best and sensor in best and scale / best[sensor] > STUCK_MORE * stuck
     if sensor and is_soft and stuck > STUCK_SHARE_MIN * sliding:

@@ -111,7 +111,8 @@ def returning(tuning: TuningFolder, checked: Checked) -> Iterator[None]:
         yield
     except Refusal:
         with contextlib.suppress(NoAnswer, Refused, Refusal):
-            go_home(tuning, checked, start)
+            if abs(tuning.axis.integer("position") - start) > analyzer.STANDSTILL_CNT:
+                go_home(tuning, checked, start)
         raise
 
 

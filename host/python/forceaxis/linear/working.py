@@ -81,8 +81,8 @@ class _FrictionRow(NamedTuple):
 
 
 class _Elements(NamedTuple):
-    """Those elements of a model whose default states depend on its parameters. `drive`: the table
-    [drive] of the file."""
+    """The parts of a model file that determine the default states of its elements. `drive`: the
+    table [drive] of the file."""
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()
@@ -114,7 +114,7 @@ def _elements(path: str, stamp: Stamp) -> _Elements:
 
 
 def _stamp(path: str | Path) -> Stamp | None:
-    """Returns None if there is no such file."""
+    """Returns the version of a file, or None if there is no such file."""
     try:
         stat = os.stat(path)
     except OSError:
@@ -193,7 +193,7 @@ def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str
 def _loaded(
     elements: _Elements, path: str | Path, overrides: Overrides | None
 ) -> tuple[tuple[Friction, ...], dict[str, float]]:
-    """Returns the friction elements of a model, and the forces of arriving_N()."""
+    """Returns two values: the friction elements of a model, and the result of arriving_N()."""
     if not elements.frictions:
         return (), {}
     values = dict(overrides or {})
