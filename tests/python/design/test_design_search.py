@@ -315,6 +315,32 @@ def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
     assert found.chosen == "PI and two biquads" and found.worst.fS_Hz > 24
 
 
+def test_a_section_attenuates_a_mode_that_leaves_a_pi_law_no_bandwidth(monkeypatch):
+    monkeypatch.setattr(search, "RANDOM", 10)
+    monkeypatch.setattr(search, "PROBE_RANDOM", 5)
+    plants = plant_set(str(ROOT / "tests/plant/light_mode.toml"), ["k_w=20%,m_w=20%"], ({},))
+    goal = search.Goal(adc_bits=12)
+    found = search.search(plants, goal)
+    held(plants, found, goal)
+    assert "biquad" in found.chosen and found.worst.fS_Hz > 0.5
+    assert "PI" not in [row.name for row in found.structures]
+
+
+def test_a_static_error_that_is_asked_for_excludes_p(monkeypatch):
+    """With a margin at which no integral is fast enough, P alone is left, and is refused."""
+    monkeypatch.setattr(search, "RANDOM", 10)
+    monkeypatch.setattr(search, "PROBE_RANDOM", 5)
+    free, bound = (
+        search.search(plant_set(ranges=[], modes=({},)), search.Goal(static_error_max=share))
+        for share in (1.0, 0.02)
+    )
+    p = next(row for row in free.structures if row.name == "P")
+    assert p.worst.static_error > 0.02
+    assert bound.chosen != "P" and bound.worst.static_error <= 0.02
+    only = search._no_gain([p])
+    assert f"a static error of {100 * p.worst.static_error:.2g} %" in str(only)
+
+
 # Plant, the bandwidth in Hz that the best law of any structure reaches over its set: of the issue.
 POSSIBLE = [(ROOT / "tests/plant/two_modes.toml", 20.9), ("fig4_19", 19.3)]
 

@@ -77,7 +77,8 @@ class FittedAxis:
         bench = simulation.ContactBench(
             plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
         )
-        bench.wait_for(bank)
+        worst = self.designed.worst
+        bench.wait_for(bank, worst.fS_Hz, worst.static_error)
         bench.rated_N = max(self.tuning.order.forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
         return bench

@@ -415,7 +415,8 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
         together=fitted.together or ({},), ms=order.ms,
-        hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
+        hf_gain=_hf_gain(tuning, checked), ramp_min_s=simulation.RAMP_S,
+        static_error_max=simulation.ERROR_MAX,
         firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
     found = _designed(tuning, fitted, asked)

@@ -248,7 +248,7 @@ def simulated(
     if best is None:
         raise refused or InputError("simulation: expected a contact force that settles, got none")
     best.frictions = bench.frictions
-    bench.wait_for(best.bank)
+    bench.wait_for(best.bank, best.worst.fS_Hz)
     if best.p_bank.force_gain:
         say("simulating P")
         best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
@@ -284,7 +284,7 @@ def settled(
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
-        bench.wait_for(one.bank)
+        bench.wait_for(one.bank, one.worst.fS_Hz, one.worst.static_error)
         done = simulate.safe(bench, one.bank, members, latencies, threads, say, least)
         one.loss, one.rows, one.cuts = done.loss, done.contacts, done.cuts
         if one.cuts:

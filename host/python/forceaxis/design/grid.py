@@ -24,6 +24,7 @@ Response = NDArray[np.complex128]
 
 POLE_ROUNDING_PER_S = 1e-7  # rounding error of a pole at frequency 0, in 1/s
 LOWEST_HZ = 0.02  # lowest frequency of a grid in Hz
+RAMP_MIN_S = 0.1  # shortest rise time of the set-point ramp
 THIN = 1 / 3  # density of a thin grid relative to a full grid
 # Default of the largest gain at high frequency, in DAC codes per 8-bit count, for every ADC.
 # A finer ADC does not reduce the noise of the measured force in N.
@@ -66,7 +67,8 @@ class Goal:
     adc_bits: bits of the force ADC. hf_gain: largest gain at high frequency in DAC codes per 8-bit
     count, None selects HF_DEFAULT. timings: delays of the loop, from loops.TIMINGS. ramp_s: rise
     time in s of a set-point ramp that the force has to follow, None means that it follows from the
-    bandwidth.
+    bandwidth and is at least ramp_min_s. static_error_max: largest static error of the law as a
+    share of the set-point.
     """
 
     ms: float = 2.0
@@ -77,6 +79,8 @@ class Goal:
     hf_gain: float | None = None
     timings: tuple[str, ...] = ("zoh", "zoh+1")
     ramp_s: float | None = None
+    ramp_min_s: float = RAMP_MIN_S
+    static_error_max: float = 1.0
 
     def ms_of(self, timing: str) -> float:
         """Returns the largest permitted |S| with the delay `timing` of the loop: "zoh" or

@@ -9,7 +9,7 @@ from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.cases import GainCut, SimulatedContact
 from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.friction import FrictionRange
-from forceaxis.design.grid import Goal
+from forceaxis.design.grid import RAMP_MIN_S, Goal
 from forceaxis.design.search import StructureDesign
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
@@ -45,8 +45,11 @@ class DesignOrder:
     latency: str = "both"  # latencies of the design, a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
-    # rise time in s of a force set-point ramp that the force has to follow
+    # Rise time in s of a force set-point ramp that the force has to follow, and its smallest value
+    # if the bandwidth of the law determines it.
     ramp_s: float | None = None
+    ramp_min_s: float = RAMP_MIN_S
+    static_error_max: float = 1.0  # largest static error of the law as a share of the set-point
     # values of firmware objects that replace or add to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # Force set-points of the simulated first contacts in N.
@@ -67,7 +70,7 @@ class DesignOrder:
         return Goal(
             ms=self.ms, ms_late=LATE * self.ms, gain_margin=self.gain_margin, adc_bits=adc_bits,
             timings=tuple(TIMINGS[latency] for latency in self.latencies), hf_gain=self.hf_gain,
-            ramp_s=self.ramp_s,
+            ramp_s=self.ramp_s, ramp_min_s=self.ramp_min_s, static_error_max=self.static_error_max,
         )  # fmt: skip
 
 

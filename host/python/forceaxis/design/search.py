@@ -49,7 +49,6 @@ CORNERS_MAX = 8
 SEED = 1988
 # Rise time of the set-point ramp, as a multiple of 1 / (bandwidth of a PI law).
 RAMP_PERIODS = 0.2
-RAMP_MIN_S = 0.1  # shortest rise time of the set-point ramp
 # Settings of the differential evolution: strategy, share of mutated numbers, generations.
 # Decision 48 (docs/decisions) compares other settings of the differential evolution.
 STRATEGY, RECOMBINATION, GENERATIONS = "randtobest1bin", 0.9, 100
@@ -170,7 +169,7 @@ class SearchProblem:
 
         The rise time of the ramp follows from the bandwidth of a PI law.
         """
-        self.ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
+        self.ramp_s = goal.ramp_s or max(goal.ramp_min_s, RAMP_PERIODS / bandwidth_Hz)
         self.ramp = self.grid.ramp(plants.nominal(), self.ramp_s)
 
     def free_bandwidth(self, numbers: Samples) -> float:
@@ -341,7 +340,7 @@ def search(
     zeros = antiresonances(problem.grid)
     own = _search(problem, thin, "PI", 1.0, zeros, np.zeros(0))
     best = {"P": np.zeros(0), "PI": own}
-    fS = problem.evaluate(own)[0]
+    fS = problem.evaluate(own)[0] or _attenuated(problem, thin, zeros, own)
     if not fS:
         raise _no_gain()
     limits = {
@@ -369,6 +368,15 @@ def search(
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             best[name] = _polished(problem, best[name], limits[name])
     return _result(plants, goal, problem, best, say, threads)
+
+
+def _attenuated(
+    problem: SearchProblem, thin: SearchProblem, zeros: list[float], own: Samples
+) -> float:
+    """Returns the bandwidth in Hz of the best law with one section, or 0. A section can attenuate
+    a lightly damped resonance that leaves a PI law no bandwidth. `own`: numbers of a PI law."""
+    name = next(name for name, sections in structures.STRUCTURES.items() if sections)
+    return problem.evaluate(_search(problem, thin, name, LOWEST_HZ, zeros, own))[0]
 
 
 def antiresonances(grid: Grid) -> list[float]:
@@ -522,6 +530,8 @@ def _result(
         say(f"{name}: {row.bandwidth_Hz:.2f} Hz over {count} members")
     chosen = None
     for row in rows:
+        if row.worst and row.worst.static_error > goal.static_error_max:
+            continue
         if chosen is None or _is_worth_it(row, chosen):
             chosen = row
 
@@ -542,7 +552,7 @@ def _result(
 
     found = taken(chosen.name) if chosen else None
     if found is None:
-        raise _no_gain()
+        raise _no_gain(rows)
     return found
 
 
@@ -583,7 +593,15 @@ def _p_of(rows: list[StructureDesign]) -> P:
     return certificate.NoPFigures()
 
 
-def _no_gain() -> ParameterError:
+def _no_gain(rows: Sequence[StructureDesign] = ()) -> ParameterError:
+    """Returns the error of a search without a result. `rows`: laws that keep the margins, but leave
+    too large a static error."""
+    if errors := [row.worst.static_error for row in rows if row.worst]:
+        return ParameterError(
+            "ms", "expected margins that a force law with integral action can keep for the whole "
+            "set of plants, but only P keeps them, and it leaves a static error of "
+            f"{100 * min(errors):.2g} %; give smaller tolerances in `over` or smaller margins",
+        )  # fmt: skip
     return ParameterError(
         "ms", "expected margins that a force law can keep for the whole set of plants, but no "
         f"gain of {GAIN_STEP:.4f} DAC codes per 8-bit count or more keeps these margins with a "

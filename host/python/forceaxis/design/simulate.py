@@ -84,8 +84,8 @@ FRICTION_SHARES = (
 # Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
 REPEATED_MAX = 6  # number of unstable contacts that are simulated first at the next gain
-# Largest permitted force error with a law with integral action, as a share of the force set-point.
-# A force error of HALF_COUNT is always permitted.
+# Largest permitted force error beside the static error of the law, as a share of the force
+# set-point. A force error of HALF_COUNT is always permitted.
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
 PEAK_MAX = 1.3  # largest permitted peak force as a multiple of the force set-point
@@ -124,6 +124,7 @@ class ContactBench:
         self.model = design.changed_model(self.change)
         self.overrides = design.overrides | dict(self.change.overrides)
         self.settle_s = SETTLE_S[0]
+        self.static_error = math.inf  # of a law without integral action, see wait_for()
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts.required_reading.per_count)
         self._given = experiment_file.firmware_table(design.experiment)
@@ -149,12 +150,18 @@ class ContactBench:
             self.forces_N,
         )  # fmt: skip
 
-    def wait_for(self, bank: Bank) -> None:
+    def wait_for(
+        self, bank: Bank, fS_Hz: float | None = None, static_error: float = math.inf
+    ) -> None:
         """Lengthens the simulated time of the contacts if the integral action of a filter bank is
-        slow. The call has no effect on files that were already written."""
-        if bank.integral_rad_per_s:
+        slow. For a law without integral action, `fS_Hz` is its bandwidth, and `static_error` is its
+        static error as a share of the set-point, which the verdict of a contact permits. The call
+        has no effect on files that were already written."""
+        rate = bank.integral_rad_per_s or 2 * math.pi * (fS_Hz or 0.0)
+        self.static_error = static_error
+        if rate:
             low, high = SETTLE_S
-            self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
+            self.settle_s = min(max(low, round(6 / rate, 1)), high)
 
     def _check(self) -> None:
         """Raises InputError if the model lacks a force sensor, a contact or an encoder."""
@@ -384,8 +391,9 @@ class ContactBench:
     def limits(self, case: ContactCase, bank: Bank) -> dict[str, float]:
         """Returns the limits of a simulated contact as keys of the table [verdict]."""
         found: dict[str, float] = {}
-        if bank.integral_rad_per_s:
-            error_N = max(ERROR_MAX * case.setpoint_N, HALF_COUNT * self.count_N)
+        share = 0.0 if bank.integral_rad_per_s else self.static_error
+        if share < 1:
+            error_N = max((ERROR_MAX + share) * case.setpoint_N, HALF_COUNT * self.count_N)
             found["held_force_error_max_N"] = float(f"{error_N:.4g}")
         losses_max = self.losses_permitted(case)
         if losses_max is None:
