@@ -187,7 +187,9 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
   ForcePlant plant;
   plant.tick_s_ = tick_s;
   plant.bus_ = model.drive->bus;
-  plant.sinc_order_ = model.adc[0]->sinc_order;
+  plant.hold_.bus_ticks = plant.bus_.ticks;
+  plant.hold_.bus_delay_ticks = plant.bus_.delay_ticks_out;
+  plant.hold_.sinc_order = model.adc[0]->sinc_order;
   plant.continuous_ = {linear.A.cast<Extended>(), linear.B.cast<Extended>(),
                        linear.C.cast<Extended>(), linear.D(0, 0), tick_s};
   if (const auto &sampling = model.adc[0]->sampling) {
@@ -197,7 +199,7 @@ std::optional<ForcePlant> ForcePlant::of(const Model &model, const LinearMode &m
                      every,
                      Extended{sampling->phase_s} / tick_s,
                      Extended{sampling->latency_s} / tick_s,
-                     plant.sinc_order_};
+                     plant.hold_.sinc_order};
     if (is_whole(plant.bus_.ticks / every)) {
       plant.newer_by_ = sampling->phase_known ? 0 : every;
       if (plant.newer_by_ > 0) plant.timing_.phase = plant.phase_of(kMissedBy);
@@ -227,14 +229,14 @@ void ForcePlant::response(std::span<const double> w, std::span<std::complex<doub
   for (auto &value : values) value *= count_per_code_;
 }
 
-// Without a bus, the pattern of the samples repeats after `readings_` ticks. In these ticks, the
-// age of the reading has `readings_` values at equal distances, none smaller than the latency. Over
+// Without a bus, the pattern of the samples repeats after `readings` ticks. In these ticks, the
+// age of the reading has `readings` values at equal distances, none smaller than the latency. Over
 // a bus, the code depends on the reading in the first tick of a cycle, so the largest age in these
 // ticks is used.
 void ForcePlant::set_ages(const Sampling &sampling) {
   constexpr int kReadingsMax = 150;
   const Extended every = 1 / (Extended{sampling.rate_hz} * tick_s_);
-  sample_ticks_ = every;
+  hold_.sample_ticks = every;
   const Extended latency = Extended{sampling.latency_s} / tick_s_;
   const Extended phase = Extended{sampling.phase_s} / tick_s_;
   // Returns the age of the newest sample at a tick, less the latency. Samples arrive every `step`
@@ -243,19 +245,20 @@ void ForcePlant::set_ages(const Sampling &sampling) {
     const Extended past = (tick - latency - phase) / step;
     return is_whole(past) ? Extended{0} : (past - std::floor(past)) * step;
   };
-  readings_ = 1;
+  hold_.readings = 1;
   if (bus_.ticks > 1) {
     Extended most = sampling.phase_known ? 0 : every;
     for (int cycle = 0; sampling.phase_known && cycle < kReadingsMax; ++cycle)
       most = std::max(most, rest(cycle * bus_.ticks, every));
-    least_age_ = latency + most;
+    hold_.least_age = latency + most;
     newer_by_ = sampling.phase_known ? 0 : every;
     return;
   }
-  while (readings_ < kReadingsMax && !is_whole(readings_ / every)) ++readings_;
-  between_ages_ = every / readings_;
-  least_age_ = latency + (sampling.phase_known ? rest(0, between_ages_) : between_ages_);
-  newer_by_ = sampling.phase_known ? 0 : between_ages_;
+  while (hold_.readings < kReadingsMax && !is_whole(hold_.readings / every)) ++hold_.readings;
+  hold_.between_ages = every / hold_.readings;
+  hold_.least_age =
+      latency + (sampling.phase_known ? rest(0, hold_.between_ages) : hold_.between_ages);
+  newer_by_ = sampling.phase_known ? 0 : hold_.between_ages;
 }
 
 // Returns the phase of the samples if they arrive `arrives` ticks after a tick.
@@ -269,7 +272,7 @@ std::vector<ForcePlant> ForcePlant::with_other_phases(bool all_phases) const {
   if (newer_by_ == 0) return found;
   if (!period_) {
     ForcePlant &plant = found.emplace_back(*this);
-    plant.least_age_ -= newer_by_;
+    plant.hold_.least_age -= newer_by_;
     return found;
   }
   const auto add = [&](Extended arrives) {
@@ -301,38 +304,7 @@ void ForcePlant::held_response(std::span<const double> w,
   }
   response(w, values);
   if (immediate()) return;
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] *= held(w[i]);
-}
-
-std::complex<double> ForcePlant::held(double w) const {
-  const std::complex<double> back =
-      std::complex<double>(1, -w) / std::complex<double>(1, w);  // value of 1/z
-  std::complex<double> turned = 1;
-  for (int tick = 0; tick < bus_.delay_ticks_out; ++tick) turned *= back;
-  std::complex<double> sum = 0;
-  for (int tick = 0; tick < bus_.ticks; ++tick) {
-    sum += turned;
-    turned *= back;
-  }
-  sum /= static_cast<double>(bus_.ticks);
-  if (readings_ == 0) return sum;
-  using Turn = std::complex<Extended>;
-  const Extended angle = 2 * std::atan(Extended{w});  // phase angle of one tick in rad
-  // The ages have equal distances, so their mean has the phase of the age in the middle.
-  const Extended middle = least_age_ + (readings_ - 1) * between_ages_ / 2;
-  const Extended half = angle * between_ages_ / 2;
-  const Extended size =
-      half == 0 ? Extended{1} : std::sin(readings_ * half) / (readings_ * std::sin(half));
-  const Turn ages = size * std::polar(Extended{1}, -angle * middle);
-  return sum * std::complex<double>(ages * filtered(angle));
-}
-
-// Returns the response of the converter's filter. `angle` is the phase angle of one tick in rad.
-std::complex<Extended> ForcePlant::filtered(Extended angle) const {
-  const Extended half = angle * sample_ticks_ / 2;
-  if (sinc_order_ == 0 || half == 0) return 1;
-  return std::pow(std::sin(half) / half, sinc_order_) *
-         std::polar(Extended{1}, -half * sinc_order_);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] *= hold_.at(w[i]);
 }
 
 }  // namespace forceaxis::sim

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sim/linear/code_period.hpp"
+#include "sim/linear/hold.hpp"
 #include "sim/linear/linear.hpp"
 #include "sim/matrix/extended.hpp"
 #include "sim/model/elements/bus_cycle.hpp"
@@ -44,7 +45,7 @@ class ForcePlant {
   const BusCycle &bus() const { return bus_; }
   /// Returns true if held_response() is exact. This is so if the firmware sends one code in each
   /// period after which the pattern of the samples repeats.
-  bool exact() const { return period_ || readings_ == 0; }
+  bool exact() const { return period_ || hold_.readings == 0; }
   /// Returns the same plant for other phases of a sensor whose phase is not known. Without
   /// `all_phases`, the list has the plant with the newest readings that the sensor can give. With
   /// `all_phases`, it has one plant for each phase for which forceaxis.linear analyses the loop.
@@ -54,8 +55,11 @@ class ForcePlant {
   /// the frequencies f with w = tan(pi f tick_s) and at f + k / (m tick_s) for a cycle of m ticks.
   /// `w` and `values` have all frequencies for k = 0 first, then those for k = 1. The loop is the
   /// sum over k of the law times this response. The sum is exact if exact() is true. Otherwise
-  /// held() approximates the effect of the samples.
+  /// hold() approximates the effect of the samples.
   void held_response(std::span<const double> w, std::span<std::complex<double>> values) const;
+  /// Returns the factor between response() and held_response(). Returns nullptr if held_response()
+  /// is not such a product, or if the factor is 1.
+  const Hold *hold() const { return period_ || immediate() ? nullptr : &hold_; }
   /// Returns the factor that converts a response in the unit of the force per volt to 8-bit counts
   /// per DAC code.
   double count_per_code() const { return count_per_code_; }
@@ -63,29 +67,15 @@ class ForcePlant {
  private:
   void set_ages(const Sampling &sampling);
   Extended phase_of(Extended arrives) const;
-  /// Returns true if bus and samples have no effect on the response, so that held() is 1.
-  bool immediate() const { return bus_.immediate() && readings_ == 0; }
-  /// Returns the effect of the bus and of the sensor's samples on the response at w = tan(pi f
-  /// tick_s): the delay of the command, the mean over the ticks for which the drive holds the
-  /// command, and the ages of the readings. Without a bus, the effect has the mean over all ages;
-  /// this neglects that different ages mix frequencies. Over a bus, the effect has the largest age.
-  /// Without a known phase, the ages are the largest possible ones. The effect includes the filter
-  /// of the converter.
-  std::complex<double> held(double w) const;
-  std::complex<Extended> filtered(Extended angle) const;
+  /// Returns true if bus and samples have no effect on the response.
+  bool immediate() const { return bus_.immediate() && hold_.readings == 0; }
 
   double tick_s_ = 0.0;
   BusCycle bus_;
-  // Number of different ages of the reading (0: each reading was sampled at its own tick), the
-  // smallest age in ticks, and the difference between two successive ages in ticks.
-  int readings_ = 0;
-  Extended least_age_ = 0, between_ages_ = 0;
+  Hold hold_;
   // Number of ticks by which the readings are newer with the best phase of the samples; 0 if the
   // phase is known.
   Extended newer_by_ = 0;
-  // Order of the converter's filter, 0 for none, and the period of its samples in ticks.
-  int sinc_order_ = 0;
-  Extended sample_ticks_ = 0;
   // Exact response with a sensor whose pattern of samples repeats with the codes.
   std::optional<CodePeriod> period_;
   TickSystem continuous_;

@@ -3,7 +3,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
+#include <limits>
+#include <map>
+#include <memory>
+#include <mutex>
 #include <numbers>
+#include <tuple>
 #include <utility>
 
 #include "sim/matrix/wide.hpp"
@@ -38,25 +44,39 @@ constexpr double kGainShare = 0.97;
 // set-point. The value of the law is then divided by 1 + kRampWeight x.
 constexpr double kRampWeight = 30;
 
-// A point of a frequency grid, with its frequency and w = tan(pi f T).
+// A point of a frequency grid: its frequency, and its index among the points that all grids have,
+// or kOwn.
+constexpr std::size_t kOwn = std::numeric_limits<std::size_t>::max();
 struct Point {
-  double hz, w;
+  double hz;
+  std::size_t common = kOwn;
   bool operator<(const Point &other) const { return hz < other.hz; }
   bool operator==(const Point &other) const { return hz == other.hz; }
 };
 
-// Makes the frequency grids of all plants with one density of points. The points that all grids
-// have are computed once.
+// Makes the frequency grids of all plants with one density of points. What the points that all
+// grids have need of trigonometry is computed once.
 class GridMaker {
  public:
+  // Returns the maker for these arguments. It is made at the first call, and kept.
+  static const GridMaker &of(double density, double tick_s, int cycle_ticks) {
+    static std::mutex lock;
+    static std::map<std::tuple<double, double, int>, GridMaker> makers;
+    const std::lock_guard guard(lock);
+    return makers.try_emplace({density, tick_s, cycle_ticks}, density, tick_s, cycle_ticks)
+        .first->second;
+  }
+
   GridMaker(double density, double tick_s, int cycle_ticks)
-      : tick_s_(tick_s), cycle_hz_(1 / (tick_s * cycle_ticks)) {
+      : tick_s_(tick_s), cycle_ticks_(cycle_ticks), cycle_hz_(1 / (tick_s * cycle_ticks)) {
     add_rising(kLowestHz, kSlowHz, density * kPointsPerDecade);
     add_rising(kSlowHz, 0.5 * cycle_hz_, density * kFastPointsPerDecade);
     const auto side = static_cast<int>(std::nearbyint(density * kPointsPerSide));
     const Extended widest = std::asinh(2 * kFarthestHalfWidths);
     for (int i = -side; i <= side; ++i)
       around_.push_back(static_cast<double>(std::sinh(widest * Extended(i) / side) / 2));
+    for (int k = 0; k < cycle_ticks; ++k)
+      for (const Point &point : common_) common_w_.push_back(tangent(point.hz, k));
   }
 
   std::vector<Point> grid_of(const ForcePlant &plant) const {
@@ -69,16 +89,44 @@ class GridMaker {
     return grid;
   }
 
+  // Returns w = tan(pi f T) at alias frequency k of a point.
+  double w_of(const Point &point, int k) const {
+    return point.common == kOwn ? tangent(point.hz, k) : common_w_[index_of(point, k)];
+  }
+
+  // Returns the factors of a hold at the alias frequencies of all common points. They are kept for
+  // the next plants with this hold.
+  std::shared_ptr<const std::vector<Complex>> factors_of(const Hold &hold) const {
+    const std::lock_guard guard(lock_);
+    for (const auto &[known, factors] : factors_)
+      if (known == hold) return factors;
+    std::vector<Complex> factors;
+    for (const double w : common_w_) factors.push_back(hold.at(w));
+    if (factors_.size() == kHoldsMax) factors_.pop_front();
+    return factors_.emplace_back(hold, std::make_shared<std::vector<Complex>>(std::move(factors)))
+        .second;
+  }
+
+  // Returns the index of an alias frequency of a common point in the result of factors_of().
+  std::size_t index_of(const Point &point, int k) const {
+    return static_cast<std::size_t>(k) * common_.size() + point.common;
+  }
+
  private:
-  Point point(double hz) const { return {hz, tangent_of(hz, tick_s_)}; }
+  static constexpr std::size_t kHoldsMax = 8;
+
+  double tangent(double hz, int k) const {
+    return tangent_of(k == 0 ? hz : alias_of(hz, k, tick_s_, cycle_ticks_), tick_s_);
+  }
+
+  void add_common(Extended hz) { common_.push_back({static_cast<double>(hz), common_.size()}); }
 
   // Adds frequencies with equal ratios to the points that all grids have.
   void add_rising(Extended low, Extended high, double per_decade) {
     const auto count = static_cast<int>(std::nearbyint(per_decade * std::log10(high / low)));
     const Extended ratio = std::pow(high / low, Extended{1} / (count - 1));
-    for (int i = 0; i + 1 < count; ++i, low *= ratio)
-      common_.push_back(point(static_cast<double>(low)));
-    common_.push_back(point(static_cast<double>(high)));
+    for (int i = 0; i + 1 < count; ++i, low *= ratio) add_common(low);
+    add_common(high);
   }
 
   static bool is_light(Complex root) {
@@ -94,13 +142,17 @@ class GridMaker {
     const double width = std::max(std::abs(root.real()) / (2 * std::numbers::pi), 1e-5 * center);
     for (const double step : around_) {
       const double hz = center + width * step;
-      if (hz >= kLowestHz && hz <= 0.5 * cycle_hz_) grid.push_back(point(hz));
+      if (hz >= kLowestHz && hz <= 0.5 * cycle_hz_) grid.push_back({hz});
     }
   }
 
   double tick_s_;
+  int cycle_ticks_;
   double cycle_hz_;  // rate in Hz at which the drive receives commands
   std::vector<Point> common_;
+  std::vector<double> common_w_;  // w_of() of all common points, one alias frequency after another
+  mutable std::mutex lock_;
+  mutable std::deque<std::pair<Hold, std::shared_ptr<const std::vector<Complex>>>> factors_;
   std::vector<double> around_;  // distances between grid points and a resonance, as multiples of
                                 // the width of the resonance
 };
@@ -158,17 +210,26 @@ LawGrid::LawGrid(std::vector<ForcePlant> plants, std::vector<int> delays_ticks, 
       tick_s_(plants_.front().tick_s()),
       aliases_(static_cast<std::size_t>(plants_.front().bus().ticks)),
       begin_{0} {
-  const GridMaker maker(density, tick_s_, plants_.front().bus().ticks);
+  const GridMaker &maker = GridMaker::of(density, tick_s_, plants_.front().bus().ticks);
   for (const ForcePlant &plant : plants_) {
     const std::vector<Point> grid = maker.grid_of(plant);
     for (const Point &point : grid) hz_.push_back(point.hz);
-    for (const Point &point : grid) add_frequency(point.w);
-    for (int k = 1; k < plant.bus().ticks; ++k)
-      for (const Point &point : grid)
-        add_frequency(tangent_of(alias_of(point.hz, k, tick_s_, plant.bus().ticks), tick_s_));
+    for (int k = 0; k < plant.bus().ticks; ++k)
+      for (const Point &point : grid) add_frequency(maker.w_of(point, k));
     const std::size_t first = aliases_ * begin_.back();
-    std::vector<Complex> values(w_.size() - first);
-    plant.held_response(std::span(w_).subspan(first), values);
+    const auto w = std::span(w_).subspan(first);
+    std::vector<Complex> values(w.size());
+    if (const Hold *hold = plant.hold()) {
+      const auto factors = maker.factors_of(*hold);
+      plant.response(w, values);
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        const Point &point = grid[i % grid.size()];
+        const int k = static_cast<int>(i / grid.size());
+        values[i] *= point.common == kOwn ? hold->at(w[i]) : (*factors)[maker.index_of(point, k)];
+      }
+    } else {
+      plant.held_response(w, values);
+    }
     for (const Complex value : values) {
       real_.push_back(value.real());
       imag_.push_back(value.imag());

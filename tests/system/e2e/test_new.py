@@ -706,6 +706,8 @@ COIL_HEAD = {
     ({"moving_mass_kg": 40}, "none", "peak_force_max_N", "the weight of 392 N"),
     ({"sensor_rate_hz": 80, "sensor_filter": "sinc4"}, "none", "contact_losses",
      "the sensor of 80 samples/s shows the force up to 37.6 ms late"),
+    # half of a DAC code with a gain of 1 code per 8-bit count of 1.17 N
+    ({"sensor_bits": 12}, "none", "held_force_error_max_N", "each force error below 0.586 N rounds"),
     ({"sensor_noise_n": 10, "inclination_deg": "horizontal"}, "none", "contact_losses",
      "the noise of 10 N of the measured force"),
 ])  # fmt: skip
@@ -714,11 +716,11 @@ def test_a_contact_that_fails_has_the_reason_of_this_machine(
 ):
     """A softer sensor was the answer for a weight, a slow sensor and an old reading."""
     written(tmp_path, **COIL_HEAD | changed)
-    missed = SimpleNamespace(limit=limit)
+    missed = SimpleNamespace(limit=limit, bound=0.5)
     row = SimpleNamespace(fault=fault, missed=(missed,))
     with changes.Design(tmp_path / "mine/contact.toml") as plant:
         bench = simulate.ContactBench(plant, 16)
-        text = bench.remedy(row)
+        text = bench.remedy(row, Bank(1.0))
         assert words in text
         assert ("softer sensor" in text) == (words == "a softer pad")
         if not changed:

@@ -145,7 +145,7 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
             "simulation: expected a contact force that settles, but the force does not settle even "
             f"at an approach speed of {1e3 * speed:.3g} mm/s and {gain:g} times the designed gain "
             f"({last.case}: {why(last)}); "
-            f"{trials.bench.remedy(last)}"
+            f"{trials.bench.remedy(last, bank)}"
         )
 
 

@@ -14,7 +14,7 @@ at the set-point.
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,6 +48,7 @@ from forceaxis.results import to_json
 
 Job = tuple[str, list[str]]  # one simulated run: (experiment, texts NAME=VALUE)
 Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty for the nominal plant
+LossChoice = tuple[int, int]  # contact_loss_cap in DAC codes, contact_loss_dwell in ms
 Contact = tuple[ContactCase | NamedCase, Plant, int]  # one contact: case, plant, latency in ticks
 
 # Force set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
@@ -157,11 +158,12 @@ class ContactBench:
         slow. For a law without integral action, `fS_Hz` is its bandwidth, and `static_error` is its
         static error as a share of the set-point, which the verdict of a contact permits. The call
         has no effect on files that were already written."""
-        rate = bank.integral_rad_per_s or 2 * math.pi * (fS_Hz or 0.0)
         self.static_error = static_error
-        if rate:
-            low, high = SETTLE_S
-            self.settle_s = min(max(low, round(6 / rate, 1)), high)
+        low, high = SETTLE_S
+        if bank.integral_rad_per_s:
+            self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
+        elif fS_Hz:  # four time constants of an integrating plant
+            self.settle_s = min(max(low, round(4 / (2 * math.pi * fS_Hz), 1)), high)
 
     def _check(self) -> None:
         """Raises InputError if the model lacks a force sensor, a contact or an encoder."""
@@ -225,9 +227,9 @@ class ContactBench:
         noise_N = (self.design.noise_codes(8) or 0.0) * self.count_N
         return max(WEIGHT_FACTOR * self.design.weight_N, NOISE_FACTOR * noise_N)
 
-    def remedy(self, contact: SimulatedContact) -> str:
-        """Returns a text about the most likely reason why the force of a simulated contact does not
-        settle, and what to change."""
+    def remedy(self, contact: SimulatedContact, bank: Bank) -> str:
+        """Returns a text about the most likely reason why the force of a simulated contact with a
+        filter bank does not settle, and what to change."""
         sampling, least_N = self.facts.required_reading.sampling, min(self.setpoints_N)
         limits = {missed.limit for missed in contact.missed}
         if contact.fault in ("force_old", "position_old"):
@@ -245,6 +247,13 @@ class ContactBench:
                 f"the smallest test force of {least_N:.3g} N is too small against {what}: give "
                 "larger forces, or reduce it"
             )
+        if self.is_dead(contact, bank):
+            dead_N = self.facts.dead_zone(bank.gain_at_rest())
+            return (
+                f"with this gain each force error below {dead_N:.3g} N rounds to no command, apart "
+                "from the integral: lower the speed of the drive at full command, use an output of "
+                "more bits or larger forces"
+            )
         if sampling is not None and sampling.rate_hz < SLOW_SENSOR_HZ:
             delay_s = sampling.delay_s()
             return (
@@ -256,6 +265,13 @@ class ContactBench:
         if limits & {"peak_force_max_N", "contact_losses_max", "contact_losses"}:
             return "use a softer sensor, a softer pad or a slower approach"
         return "use a smaller set of plants or other forces"
+
+    def is_dead(self, contact: SimulatedContact, bank: Bank) -> bool:
+        """Returns True if a contact fails only because of a force error that the dead zone of a
+        filter bank permits. With a smaller gain, the dead zone is larger."""
+        held = [m.bound for m in contact.missed if m.limit == "held_force_error_max_N"]
+        dead_N = self.facts.dead_zone(bank.gain_at_rest())
+        return len(held) == len(contact.missed) > 0 and min(held) < dead_N
 
     def _check_forces(self, counts: float) -> None:
         """Raises InputError for a requested force that the sensor cannot measure or that the drive
@@ -639,30 +655,54 @@ def choose_loss(
     choices = [(cap, dwell) for dwell in DWELLS_MS for cap in caps]
     struck = [c for c in bench.cases if c.strike_N_s]
     contacts = list(itertools.product(struck, latencies, plants))
-    # {choice: largest factor that each contact tolerates}
-    tolerated = {choice: [0.0] * len(contacts) for choice in choices}
     # with dry friction, a cap of 0 DAC codes is not chosen
     able = [c for c in choices if c[0] or not bench.frictions]
-    going = [(choice, i) for choice in choices for i in range(len(contacts))]
     shared = _core.Experiments()
-    for factor in STRIKE_FACTORS:
+    stable: dict[tuple[LossChoice, int, float], bool] = {}  # (choice, contact, factor)
+
+    def simulated(wanted: Iterable[tuple[LossChoice, int, float]]) -> bool:
+        """Returns True if all these impacts are stable."""
+        keys = list(wanted)
+        new = [key for key in keys if key not in stable]
         jobs = []
-        for (cap, dwell), i in going:
+        for (cap, dwell), i, factor in new:
             case, latency, plant = contacts[i]
             harder = replace(case, strike_N_s=factor * case.strike_N_s)
             loss = {"contact_loss_cap": cap, "contact_loss_dwell": dwell}
             jobs.append(bench.job(harder, bank, plant, latency, loss))
-        for (choice, i), one in zip(going, run(jobs, threads, shared), strict=True):
-            if one.verdict == "stable":
+        for key, one in zip(new, run(jobs, threads, shared), strict=True):
+            stable[key] = one.verdict == "stable"
+        return all(stable[key] for key in keys)
+
+    every = range(len(contacts))
+    # A choice that tolerates the whole series with all contacts is the best one. To find it, the
+    # hardest impact comes first.
+    simulated((choice, i, STRIKE_FACTORS[-1]) for choice in able for i in every)
+    best = next(
+        (
+            choice for choice in able
+            if all(stable[choice, i, STRIKE_FACTORS[-1]] for i in every)
+            and simulated(itertools.product((choice,), every, STRIKE_FACTORS))
+        ),
+        None,
+    )  # fmt: skip
+    # {choice: largest factor that each contact tolerates}
+    tolerated = {choice: [0.0] * len(contacts) for choice in choices}
+    ranked = choices if best is None else {choices[0]: None, best: None}
+    going = list(itertools.product(ranked, every))
+    for factor in STRIKE_FACTORS:
+        simulated((choice, i, factor) for choice, i in going)
+        for choice, i in going:
+            if stable[choice, i, factor]:
                 tolerated[choice][i] = factor
         # A choice with which a contact fails is worse than one with which all go on. Of the
         # default, only the smallest factor is needed.
-        whole = [choice for choice in choices if min(tolerated[choice]) == factor]
+        whole = [choice for choice in ranked if min(tolerated[choice]) == factor]
         able = [choice for choice in able if choice in whole] or able
         needed = {*able, *(choice for choice in choices[:1] if choice in whole)}
         going = [(c, i) for c, i in going if c in needed and tolerated[c][i] == factor]
     # Of several equal results, the first one is chosen.
-    best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
+    best = best or max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
     return ContactLoss(
         contact_loss_cap=best[0],
@@ -739,6 +779,7 @@ def safe(
             refused, before = bad[0], again[:REPEATED_MAX]
             cuts.append(GainCut(tried.force_gain, len(bad), simulated, refused.case, why(refused)))
             _expect_contact(bench, bad)
+            _expect_live(bench, tried, bank, refused)
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = rows
@@ -756,12 +797,27 @@ def safe(
             )
             chosen = rows
         return SafeDesign(tried, loss, chosen, cuts)
-    last, share = cuts[-1], tried.force_gain / bank.force_gain
-    raise InputError(
+    raise _unsettled(bench, tried, bank, refused)
+
+
+def _unsettled(
+    bench: ContactBench, tried: Bank, bank: Bank, contact: SimulatedContact
+) -> InputError:
+    """Returns the error for a contact whose force does not settle with the last tried gain. `bank`:
+    the filter bank with the designed gain."""
+    share = tried.force_gain / bank.force_gain
+    return InputError(
         f"simulation: expected a contact force that settles, but the force in the simulated case "
-        f"{last.case} does not settle even at the gain {last.force_gain:.3g}, which is {share:.2g} "
-        f"times the designed gain ({last.why}); {bench.remedy(refused)}"
+        f"{contact.case} does not settle even at the gain {tried.force_gain:.3g}, which is "
+        f"{share:.2g} times the designed gain ({why(contact)}); {bench.remedy(contact, tried)}"
     )
+
+
+def _expect_live(bench: ContactBench, tried: Bank, bank: Bank, contact: SimulatedContact) -> None:
+    """Raises InputError if a contact fails because of the dead zone of a gain, which is larger at
+    each smaller gain. The other arguments are those of _unsettled()."""
+    if bench.is_dead(contact, tried):
+        raise _unsettled(bench, tried, bank, contact)
 
 
 def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
