@@ -72,11 +72,18 @@ class FittedAxis:
         """Returns the fitted plant, for use in a `with` statement."""
         return Design(str(self.tuning.model), self.fitted.values)
 
+    @property
+    def _approach(self) -> Settings:
+        """Returns the approach speed of the design, which may be slower than that of check()."""
+        name = "approach_velocity_max"
+        return {name: self.designed.objects[name]} if name in self.designed.objects else {}
+
     def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
         """Returns the simulation of contacts of a plant, with the firmware settings of the axis."""
         bench = simulation.ContactBench(
-            plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
-        )
+            plant, self.designed.adc_bits,
+            firmware=firmware_of(self.tuning, self.checked) | self._approach,
+        )  # fmt: skip
         worst = self.designed.worst
         bench.wait_for(bank, worst.fS_Hz, worst.static_error)
         bench.rated_N = max(self.tuning.order.forces)

@@ -442,16 +442,21 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
         together=fitted.together or ({},), ms=order.ms,
         hf_gain=_hf_gain(tuning, checked), ramp_min_s=simulation.RAMP_S,
         static_error_max=simulation.ERROR_MAX,
+        may_slow=order.approach_mm_per_s is None and "approach_velocity_max" in checked.settings,
         firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
     found = _designed(tuning, fitted, asked)
     laws = {"before": checked.before.bank, "designed": found.bank}
     ms = found.worst.largest_ms
     result = found.result()
+    objects = objects_of(tuning, checked, found.bank, found.loss_objects, ms, found.plants)
+    if found.slowed:
+        tuning.say(f"approach: {found.slowed.text}")
+        per_m = abs(linear.facts(tuning.model).required_encoder.scale)
+        objects["approach_velocity_max"] = max(1, round(found.slowed.to_m_per_s * per_m))
     done = Designed(
         **vars(result), cut=_cut(result), times_p=_times_p(result),
-        on_fitted=margins.on_fitted(tuning, fitted, laws, checked.latency_ticks),
-        objects=objects_of(tuning, checked, found.bank, found.loss_objects, ms, found.plants),
+        on_fitted=margins.on_fitted(tuning, fitted, laws, checked.latency_ticks), objects=objects,
     )  # fmt: skip
     if done.cut:
         tuning.say(done.cut)

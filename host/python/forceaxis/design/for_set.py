@@ -220,8 +220,8 @@ def simulated(
 
     If another structure of the law then has more bandwidth, the function changes the structure. If
     contacts do not settle, or are lost more than LOSSES_MAX times, the approach becomes slower. An
-    approach speed in the request for the design is not changed. Raises InputError if no gain makes
-    the contacts stable.
+    approach speed in the request is changed only if `may_slow` permits it. Raises InputError if no
+    gain makes the contacts stable.
     """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = order.latencies
@@ -234,7 +234,7 @@ def simulated(
         refused = error
     before = most_losses(best.rows) if best else None
     given = "approach_velocity_max" in order.firmware or order.approach_mm_per_s is not None
-    if not given and (before is None or before > simulate.LOSSES_MAX):
+    if (order.may_slow or not given) and (before is None or before > simulate.LOSSES_MAX):
         share, slow = calmer(bench, outcome.bank, latencies, threads)
         speed = bench.cases[0].speed_m_per_s
         say(f"a slower approach, {1e3 * share * speed:.3g} mm/s")
@@ -292,7 +292,8 @@ def settled(
         return one
 
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
-    names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
+    dead = {row.name for row in outcome.structures if row.leaves_error}
+    names = [n for n, fS in promised.items() if fS and n not in {outcome.chosen, *dead}]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
     # At first, a structure's gain is reduced only while it has more bandwidth than the next one.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]

@@ -57,6 +57,7 @@ class DesignOrder:
     forces_N: tuple[float, ...] = ()
     # approach speed; None selects the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None
+    may_slow: bool = False  # a given approach speed may become slower as one that is not given
     simulate: bool = True
     threads: int | None = None
 

@@ -98,6 +98,11 @@ class StructureDesign:
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
     @property
+    def leaves_error(self) -> bool:
+        """True if the law leaves a static error above STATIC_ERROR_MAX."""
+        return self.worst is not None and self.worst.static_error > STATIC_ERROR_MAX
+
+    @property
     def row(self) -> Row:
         """Returns fS in Hz, Ms and gain margin for a table. The values are None if no gain keeps
         the margins."""
@@ -626,7 +631,6 @@ def _no_gain(rows: Sequence[StructureDesign] = ()) -> ParameterError:
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
     """Returns True if a larger structure of the law is worth its additional parameters. The larger
     structure then has 10 % more bandwidth, or the smaller one is P with a large static error."""
-    before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
-        smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX
+        smaller.name == "P" and smaller.leaves_error
     )
