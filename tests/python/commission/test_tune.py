@@ -723,6 +723,27 @@ def test_a_smallest_amplitude_that_is_too_large_is_kept_for_less_time(tmp_path):
     assert tuning.axis.link.axis.extremes["force_N"] < 350.0
 
 
+# A stepper with an HX711, whose law of the measurement has an integral of 1 1/s.
+SLOW = {
+    "drive": "stepper", "holding_torque_n_m": 1.2, "rotor_inertia_kg_m2": 3.5e-5,
+    "lead_mm_per_rev": 5, "full_scale_speed_m_per_s": 0.02, "moving_mass_kg": 3,
+    "sensor_full_scale_n": 200, "sensor_stiffness_n_per_m": 3e5, "sensor_bits": 24,
+    "sensor_rate_hz": 80, "sensor_filter": "sinc4", "sensor_noise_n": 0.01,
+    "workpiece_stiffness_n_per_m": 2e4, "workpiece_mass_kg": 0.2, "approach_mm": 3,
+}  # fmt: skip
+
+
+def test_a_slow_loop_settles_before_its_response_is_recorded(tmp_path):
+    """After 1 s its transient was left: the error of a response was 20 %, as of a distortion."""
+    tuning = ready(tmp_path, SLOW, (15.0, 40.0), 80.0)
+    assert tune.CHECK.result(tuning).law.bank.integral_rad_per_s == pytest.approx(1.0, rel=1e-4)
+    for step in ("free", "measure"):
+        tuning.run(step)
+    levels = tune.MEASURE.result(tuning).levels
+    assert max(level.random_error_median for level in levels.values()) < 0.06
+    assert tune_measure.settling_s(Bank(1.0, 4.0)) == tune_measure.settling_s(Bank(1.0)) == 1.0
+
+
 def test_a_workpiece_is_moved_by_no_sine_that_its_sensor_does_not_show(tmp_path, monkeypatch):
     """A sensor of 20/s was asked for the response at 68 Hz."""
     tuning = ready(tmp_path, STIFF | {"workpiece_stiffness_n_per_m": 5e5}, (43.0, 140.0), 350.0)

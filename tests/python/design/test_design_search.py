@@ -414,3 +414,15 @@ def test_the_rows_of_all_structures_are_for_all_plants(hf_gain):
         assert max(worst.Ms, worst.Ms_late) > figures.Ms.max() / tight
         if row.name != found.chosen:  # on the same plants and another grid, not worse than there
             assert worst.fS_Hz > figures.fS_Hz.min() * 0.95
+
+
+@pytest.mark.parametrize(("error", "said"), [
+    (0.05, " P reaches 2 Hz, but leaves a static error of 5 %."),
+    (0.0, " P reaches 2 Hz, without a static error too."),
+])  # fmt: skip
+def test_a_faster_P_is_said_with_the_static_error_that_it_leaves(error, said):
+    """An axis that integrates has none: the text was that P leaves a static error of 0 %."""
+    p = SimpleNamespace(name="P", bandwidth_Hz=2.0, worst=SimpleNamespace(static_error=error))
+    chosen = SimpleNamespace(name="PI", bandwidth_Hz=1.5)
+    problem = SimpleNamespace(ramp=None)
+    assert search._costs(problem, [p, chosen], chosen, np.zeros(1)) == said

@@ -63,6 +63,8 @@ AMPLITUDE_RATIO = 3
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
+# A response in contact is recorded after so many time constants of the integral action.
+SETTLE_INTEGRALS = 4.0
 # smallest force of a first contact, divided by `contact_force`
 TOUCH_OVER_CONTACT = 2.0
 
@@ -156,7 +158,10 @@ def _measured(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Mea
     order = replace(tuning.order, band_hz=checked.band_hz)
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= force_objects(tuning)
-    order_of = functools.partial(measuring_order, tuning, touch_N=first_contact_N(tuning, checked))
+    order_of = functools.partial(
+        measuring_order, tuning, touch_N=first_contact_N(tuning, checked),
+        settle_s=settling_s(checked.law.bank),
+    )  # fmt: skip
     between, law = _between(tuning, law, order_of(order, rubs=free.glide.rubs), order)
     order = with_measured_way(tuning, order, between.way)
     workpiece_rubs = between.friction_N > 0
@@ -317,11 +322,11 @@ def force_objects(tuning: TuningFolder) -> Settings:
 
 def measuring_order(
     tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
-    rubs: bool = False, touch_N: float = 0.0,
+    rubs: bool = False, touch_N: float = 0.0, settle_s: float = MeasuringOrder.settle_s,
 ) -> MeasuringOrder:  # fmt: skip
     """Returns the request for a measurement with an Analyzer. `order`: request for a tuning, by
-    default that of `tuning`. `first`, `amplitude`, `rubs`, `touch_N`: values of these fields of
-    MeasuringOrder."""
+    default that of `tuning`. `first`, `amplitude`, `rubs`, `touch_N`, `settle_s`: values of these
+    fields of MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     counts_per_mm = 1e-3 * abs(linear.facts(model).required_encoder.scale)
     gap = machine_bounds.gap_counts(tuning.model)
@@ -336,10 +341,18 @@ def measuring_order(
         travel_most=0 if tuning.order.travel_mm else machine_bounds.free_most_counts(gap),
         squeeze_most=0 if tuning.order.squeeze_mm else machine_bounds.squeeze_most_counts(gap),
         counts_per_mm=counts_per_mm, gap=gap,
-        seed=order.seed, first=first,
+        seed=order.seed, first=first, settle_s=settle_s,
         within=FORCE_TOLERANCE if rubs else MeasuringOrder.within,
         most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),
     )  # fmt: skip
+
+
+def settling_s(law: Bank) -> float:
+    """Returns the time in s in which a loop with this law settles after the start of an excitation.
+    A loop behind a slow sensor has a slow integral. What is left of its transient differs between
+    the periods as a distortion of the response does, but in proportion to the amplitude."""
+    rate = law.integral_rad_per_s
+    return max(MeasuringOrder.settle_s, SETTLE_INTEGRALS / rate if rate else 0.0)
 
 
 def resolution_of(band_hz: tuple[float, float]) -> float:

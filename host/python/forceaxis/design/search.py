@@ -586,10 +586,13 @@ def _costs(
     ramp of the set-point. `numbers`: numbers of the law without its gain."""
     text, p = "", rows[0]
     if p.name == "P" and p.worst and row.bandwidth_Hz < SMALLER_SHARE * p.bandwidth_Hz:
-        text += (
-            f" P reaches {p.bandwidth_Hz:.3g} Hz, but leaves a static error of "
-            f"{100 * p.worst.static_error:.2g} %."
+        error = p.worst.static_error
+        left = (
+            f"but leaves a static error of {100 * error:.2g} %"
+            if error
+            else "without a static error too"
         )
+        text += f" P reaches {p.bandwidth_Hz:.3g} Hz, {left}."
     if not len(numbers) or problem.ramp is None:
         return text
     limits = structures.bounds(row.name, row.bandwidth_Hz * min(LOWEST_FACTORS))
