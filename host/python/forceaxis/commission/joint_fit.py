@@ -51,6 +51,8 @@ Response = NDArray[np.complex128]
 PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
 # A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
 SEARCHED_SHARE = 0.95
+# The response of values that a model refuses, as a multiple of the measured one.
+FORBIDDEN = 1e3
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
 # If a model does not explain the responses, its relative error at each frequency is the mean of the
 # residuals at frequencies whose logarithms differ by less than ERROR_WIDTH_LOG. The fit is repeated
@@ -268,9 +270,19 @@ class Responses:
             if key not in self.known:
                 if len(self.known) > PREDICTIONS_MAX:
                     self.known.clear()
-                self.known[key] = replace(m, modes=modes).predict(self.values(x, own))
+                self.known[key] = self._predicted(m, modes, self.values(x, own))
             found.append(self.known[key])
         return found
+
+    @staticmethod
+    def _predicted(measured: Measurement, modes: dict[str, str], values: Values) -> Response:
+        """Returns the predicted response. Values that the model refuses together, such as a
+        velocity loop that is too fast for the current loop, have a response that a search leaves
+        again."""
+        try:
+            return replace(measured, modes=modes).predict(values)
+        except InputError:
+            return FORBIDDEN * measured.response
 
     def _acting(self, measured: Measurement, own: Own) -> NDArray[np.bool_]:
         """Returns for each parameter True if a response depends on it."""
@@ -368,10 +380,11 @@ class Responses:
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Minimum:
-        """Searches the minimum of the residuals coarse(), beginning at `begin`."""
+        """Searches the minimum of the residuals coarse(), beginning at `begin`, or at the end of
+        the range that is nearest to it."""
         found = optimize.least_squares(
-            self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
-            max_nfev=evaluations,
+            self.coarse, np.clip(begin, *self.bounds(1e-3)), loss="soft_l1", bounds=self.bounds(),
+            x_scale=self.spread, max_nfev=evaluations,
         )  # fmt: skip
         return Minimum(found.x, float(found.cost))
 
@@ -462,8 +475,12 @@ def with_levels(
     best = wider.search(np.append(found.at, np.log(list(values.values()))))
     x = best.x[: len(found.at)]
     rows = np.array([x] * len(values))
-    rows[:, found.problem.names.index(name)] = best.x[len(found.at) :]
-    return _evaluated(found.problem, rows.mean(0), over, rows)
+    at = found.problem.names.index(name)
+    rows[:, at] = best.x[len(found.at) :]
+    # The prior of `name` is that of one value for all forces.
+    mean = replace(priors[name], value=math.exp(rows[:, at].mean()))
+    problem = replace(found.problem, priors=found.problem.priors | {name: mean})
+    return _evaluated(problem, rows.mean(0), over, rows)
 
 
 def _in_modes(problem: Responses) -> Responses:

@@ -81,6 +81,9 @@ REFIT_CHANGE = 0.02
 # The design for an axis with dry friction uses dampings within this range around the prior.
 # The range of the dampings is in standard deviations of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
+# A number of the drive that a fit with friction moved by more standard deviations of its prior has
+# both values in the design.
+DOUBTED_SPREADS = 1.5
 # The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
 # Two responses differ if the probability of the difference from noise alone is below this value.
@@ -663,7 +666,16 @@ def _with_tolerances(
     softest, stiffest = measured.between.bends
     if stiffness in ranges and stiffest > 1:
         value, least, most = ranges[stiffness]
-        ranges[stiffness] = value, least, most = value, least / stiffest, most / softest
+        # About the mean of the slow change, because the responses at different forces may have
+        # shown a part of the same bend.
+        sliding = measured.between.sliding
+        scale = abs(linear.facts(tuning.given).required_encoder.scale)
+        mean = scale / sliding if sliding else value
+        asked = plant_set.ranges_of(plants.model, tuning.order.over, values).get(stiffness)
+        low_share, high_share = (end / asked[0] for end in asked[1:]) if asked else (1.0, 1.0)
+        least = min(least, low_share * mean / stiffest)
+        most = max(most, high_share * mean / softest)
+        ranges[stiffness] = value, least, most
         lines.append(
             f"{stiffness} from {least:.4g} to {most:.4g} N/m: while the force changed slowly, the "
             f"workpiece was {stiffest:.2g} times as soft at one force as in the mean"
@@ -678,10 +690,31 @@ def _with_tolerances(
             f"{mass} from {least:.4g} to {most:.4g} kg: the workpiece does not slide, so the "
             f"responses do not show its mass; a prior {mass}=KG makes the range smaller"
         )
+    together: tuple[Values, ...] = (low, high) if low else ({},)
+    doubted = _doubted(plants.model, {*ranges, *low}, values, sheet)
+    if doubted:
+        together = tuple(one | other for one in together for other in (
+            {name: values[name] for name in doubted}, doubted))  # fmt: skip
+        lines += [
+            f"{name} of {values[name]:.4g} and {value:.4g}: beside dry friction, the responses do "
+            "not tell the fitted value from the given one"
+            for name, value in doubted.items()
+        ]
     for line in lines:
         tuning.say(f"designed for {line}")
-    together = (low, high) if low else ({},)
     return replace(plants, overrides=values | low, ranges=ranges, together=together), lines
+
+
+def _doubted(model: str, varied: set[str], values: Values, sheet: dict[str, Prior]) -> Values:
+    """Returns {number of the drive: its prior value} of those that the fit moved far from their
+    prior. Dry friction can be the reason, because dampers represent it in the fit. `varied`: names
+    of parameters that the set of plants varies already."""
+    return {
+        name: sheet[name].value
+        for name in known.drive_parameters(model)
+        if name in sheet and name in values and name not in varied
+        and abs(math.log(values[name] / sheet[name].value)) > DOUBTED_SPREADS * sheet[name].spread
+    }  # fmt: skip
 
 
 def _name(given: Given | None) -> str | None:

@@ -44,6 +44,7 @@ RAMP_COST_MIN = 1.1
 # Number of random plants on which the result is checked. The certificate then searches for worse
 # plants.
 RANDOM = 250
+SLOWEST_HZ = 1.5 * LOWEST_HZ  # smallest bandwidth of a law on the plants of a grid
 GRID_SLOWER = 0.99  # a bandwidth on a grid below this share of another one is surely smaller
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
@@ -516,8 +517,9 @@ def _result(
     def certified(name: str, unit: Bank, least_Hz: float) -> StructureDesign:
         gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
         bank = certificate.lowered(unit, gain)
-        # The worst plants of the grid alone show that the law is slower than another one.
-        if least_Hz and grid.figures(bank).fS_Hz.min() < GRID_SLOWER * least_Hz:
+        # The worst plants of the grid alone show that the law is slower than another one, or too
+        # slow to be evaluated.
+        if grid.figures(bank).fS_Hz.min() < max(GRID_SLOWER * least_Hz, SLOWEST_HZ):
             return StructureDesign(name, bank_figures(bank), None)
         accuracy: certificate.Accuracy = "quick" if unit.sections else "mean age"
         bank, worst = certificate.exact(responses, grid, bank, goal, accuracy, least_Hz=least_Hz)
@@ -626,7 +628,7 @@ def _no_gain(rows: Sequence[StructureDesign] = ()) -> ParameterError:
     return ParameterError(
         "ms", "expected margins that a force law can keep for the whole set of plants, but no "
         f"gain of {GAIN_STEP:.4f} DAC codes per 8-bit count or more keeps these margins with a "
-        f"bandwidth of {LOWEST_HZ:g} Hz or more; give smaller tolerances in `over` or smaller "
+        f"bandwidth of {SLOWEST_HZ:g} Hz or more; give smaller tolerances in `over` or smaller "
         "margins",
     )  # fmt: skip
 
