@@ -4,12 +4,12 @@ the same under every kernel of OpenBLAS."""
 import itertools
 import json
 import math
-import os
 import random
 import subprocess
 import sys
 from pathlib import Path
 
+import draws
 import kernels
 import numpy as np
 import pytest
@@ -284,15 +284,13 @@ def test_all_loops_have_the_same_digits_under_every_kernel():
 @pytest.mark.long
 def test_what_computes_digits_passes_under_other_kernels():
     """The tests of loops, sets and designs as they are, in a process of a kernel: two kernels drawn
-    by chance, or with FORCEAXIS_KERNELS=all each that this processor executes."""
+    by the commit, or with FORCEAXIS_WHOLE=1 each that this processor executes."""
     files = [
         "python/linear/test_loops.py", "python/linear/test_over.py",
         "python/design/test_design_search.py",
     ]  # fmt: skip
-    drawn = kernels.executed()
-    if "FORCEAXIS_KERNELS" not in os.environ:
-        drawn = random.sample(drawn, min(2, len(drawn)))
-    for kernel in drawn:
+    executed = kernels.executed()
+    for kernel in draws.some("kernels", executed, min(2, len(executed))):
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long",
              *(f"tests/{name}" for name in files)],
