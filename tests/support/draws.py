@@ -27,15 +27,22 @@ def word() -> str:
     if "FORCEAXIS_DRAW" in os.environ:
         return os.environ["FORCEAXIS_DRAW"]
     command = ["git", "rev-parse", "HEAD"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
 
 
 def some(name: str, cases: Sequence[Case], count: int) -> list[Case]:
     """`count` of the cases, in their order. `name`: what is drawn; each draws apart."""
     if whole():
         return list(cases)
+    count = min(count, len(cases))
     chosen = set(random.Random(f"{name} {word()}").sample(range(len(cases)), count))
     return [case for number, case in enumerate(cases) if number in chosen]
+
+
+def number(name: str, below: int) -> int:
+    """A number to begin with, where cases are not listed but numbered."""
+    return random.Random(f"{name} {word()}").randrange(below)
 
 
 def dealt(name: str, cases: Sequence[Case], hands: int) -> list[list[Case]]:
