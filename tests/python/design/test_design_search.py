@@ -319,6 +319,7 @@ def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
 POSSIBLE = [(ROOT / "tests/plant/two_modes.toml", 20.9), ("fig4_19", 19.3)]
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "possible"), POSSIBLE)
 def test_the_search_finds_the_order_of_the_law(model, possible):
@@ -340,6 +341,7 @@ AXES = {
 }
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize("name", AXES)
 def test_bandwidth_over_the_set(name, tmp_path):
