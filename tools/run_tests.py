@@ -181,11 +181,12 @@ def check_promises(tally):
     tally.count("promises", begin, len(rows), len(lines))
 
 
-def beside(tally, stage, expression, fuzz_s):
+def beside(tally, stages, fuzz_s):
     """What runs beside the tests of real buses, in the time that those leave: one process, where a
     compiler would be one on every core and make them late."""
     fuzz(tally, fuzz_s, IDLE)
-    pytest(tally, stage, expression, prefix=IDLE)
+    for prefix, expression in stages.items():
+        pytest(tally, f"{prefix}beside", f"beside and {expression}", prefix=IDLE)
 
 
 @contextlib.contextmanager
@@ -219,17 +220,19 @@ def main(arguments):
         return tally.end(table=False)
     ctest(tally, "release", "-j2")
     pytest(tally, "parallel", "not alone and not beside and not long", *PARALLEL)
-    with meanwhile(tally, lambda: beside(tally, "beside", "beside and not long", FUZZ_S)):
-        pytest(tally, "alone", "alone and not long", twice=True)
+    stages, fuzz_s = {"": "not long"}, FUZZ_S
     if arguments == ["--all"]:
+        stages, fuzz_s = stages | {"long-": "long"}, FUZZ_ALL_S
         # Tests compare the traces of these builds with those of the release build.
         build(tally, "debug-plain", "trace_hash")
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-j2")
         pytest(tally, "long", "long and not alone and not beside", *PARALLEL)
-        work = (tally, "long-beside", "long and beside", FUZZ_ALL_S)
-        with meanwhile(tally, lambda: beside(*work)):
-            pytest(tally, "long-alone", "long and alone", twice=True)
+    # Both sides go on with their next stage at once: neither waits for the other.
+    with meanwhile(tally, lambda: beside(tally, stages, fuzz_s)):
+        for prefix, expression in stages.items():
+            pytest(tally, f"{prefix}alone", f"alone and {expression}", twice=True)
+    if arguments == ["--all"]:
         check_promises(tally)
     return tally.end()
 

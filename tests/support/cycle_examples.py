@@ -13,6 +13,7 @@ BAD = {
 }
 PARTS = [(name, overrides) for name, bad in BAD.items() for overrides in ((), bad)]
 IDS = [f"{name}-{kind}" for name in BAD for kind in ("good", "bad")]
+BY_ID = dict(zip(IDS, PARTS, strict=True))
 
 
 def file_of(name):

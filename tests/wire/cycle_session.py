@@ -1,7 +1,8 @@
 """The sessions of test_cycle_can.py on real CAN, in one guest, at the pace of the wall clock: run
-under tools/vcan with a folder and the name of a session. A press has a bus of its own.
+under tools/vcan with a folder, the name of a session, and the parts that it presses. A press has a
+bus of its own.
 
-  parts  good and bad parts of the five examples, over CAN
+  parts  good and bad parts of the examples, over CAN
   ways   the press-fit by `forceaxis cycle` over CAN, through a gateway and over Modbus TCP
   links  the examples in lock-step, with the records of the link as CAN frames
   killed the press-fit whose command, and whose axis, is killed while the bearing is pressed
@@ -22,7 +23,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import verbs
-from cycle_examples import IDS, PARTS, file_of
+from cycle_examples import BY_ID, file_of
 from forceaxis.axis import can as can_way
 from forceaxis.axis import gateway as lcm_way
 from forceaxis.axis import modbus as modbus_way
@@ -135,9 +136,10 @@ def pressed(name):
         return {"early": early, "loaded": loaded, "part": part, "ticks": axis.link.started}
 
 
-def parts(folder, steps):
+def parts(folder, steps, *keys):
     """One press after another, because a guest is not fast enough for five in real time."""
-    for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+    for key in keys:
+        name, overrides = BY_ID[key]
         (folder / key).mkdir()
         with nodes(folder / key, name, (*overrides, PATIENT)):
             steps(key, pressed, name)
@@ -293,9 +295,10 @@ def killed(folder, steps):
         steps(key, session, folder / key)
 
 
-def links(_folder, steps):
+def links(_folder, steps, *keys):
     with link.AxisNode(link.LinkOptions("socketcan")) as node:
-        for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+        for key in keys:
+            name, overrides = BY_ID[key]
             result, report, _, cycle = link.run_with(node, file_of(name), overrides, trace=False)
             steps[key] = {
                 "hashes": [result.trace_hash, report.hashes.axis], "cycle": asdict(cycle),
@@ -309,10 +312,11 @@ def be_patient():
         setattr(module, name, functools.partial(getattr(module, name), timeout_s=PATIENT_S))
 
 
-def main(folder, session):
+def main(folder, session, *keys):
     be_patient()
+    sessions = {"parts": parts, "ways": ways, "links": links, "killed": killed}
     with Steps(folder) as steps:
-        {"parts": parts, "ways": ways, "links": links, "killed": killed}[session](folder, steps)
+        sessions[session](folder, steps, *keys)
 
 
 if __name__ == "__main__":
@@ -321,4 +325,4 @@ if __name__ == "__main__":
         sys.argv[:] = ["forceaxis", *sys.argv[3:]]
         verbs.main()
     else:
-        main(Path(sys.argv[1]), sys.argv[2])
+        main(Path(sys.argv[1]), *sys.argv[2:])

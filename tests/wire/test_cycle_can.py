@@ -1,7 +1,8 @@
 """Programs are loaded into axes over SocketCAN, and parts are pressed in real time.
 
 They have the verdicts of the simulated parts, and their values. A gateway and Modbus TCP do the
-same. Commands and axes are killed. cycle_session.py has the sessions.
+same. Commands and axes are killed. cycle_session.py has the sessions. Of the ten parts of the
+examples five are pressed, drawn by the commit; with FORCEAXIS_WHOLE=1 all of them.
 """
 
 import csv
@@ -11,9 +12,10 @@ import signal
 from dataclasses import asdict
 from pathlib import Path
 
+import draws
 import numpy as np
 import pytest
-from cycle_examples import IDS, PARTS
+from cycle_examples import BY_ID, IDS
 from cycle_session import EXPERIMENT, experiment, file_of
 from forceaxis import _core
 from forceaxis.cycles import live
@@ -29,16 +31,18 @@ LONGEST_S = 6.0  # no cycle of an example is longer
 # stands elsewhere within its last count; the bounds of the elements are 30 N apart.
 MOVED, MOVED_N = ("polishing",), 0.5
 pytestmark = pytest.mark.long  # a minute of real time
+PRESSED = draws.some("parts", IDS, 5)
+LINKED = draws.some("linked parts", IDS, 5)
 
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory, vcan):
-    yield from found_by(vcan, tmp_path_factory.mktemp("parts"), 200, SESSION, "parts")
+    yield from found_by(vcan, tmp_path_factory.mktemp("parts"), 200, SESSION, "parts", *PRESSED)
 
 
 @pytest.fixture(scope="module")
 def links(tmp_path_factory, vcan):
-    yield from found_by(vcan, tmp_path_factory.mktemp("links"), 120, SESSION, "links")
+    yield from found_by(vcan, tmp_path_factory.mktemp("links"), 120, SESSION, "links", *LINKED)
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +74,12 @@ def simulated(file, overrides, start_tick):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("part", "kind"), list(zip(PARTS, IDS, strict=True)), ids=IDS)
-def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_path, part, kind):
+@pytest.mark.parametrize("kind", PRESSED)
+def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_path, kind):
     """Plant and firmware are those of the simulation, and the press stands before the cycle. So a
     part has the values of the simulated one to the last count, whenever the command comes. Only
     where the surface moves it counts when the cycle begins: between two ticks that are known."""
-    (name, overrides), found = part, parts[kind]
+    (name, overrides), found = BY_ID[kind], parts[kind]
     pressed = found["part"]
     figures = [(e["name"], e["verdict"], e["value"]) for e in pressed["elements"]]
     assert (pressed["state"], pressed["number"]) == (kind.split("-")[1], 1)
@@ -93,7 +97,7 @@ def test_parts_have_the_verdicts_and_the_values_of_the_simulation(parts, tmp_pat
         assert min(values) - MOVED_N <= value <= max(values) + MOVED_N
 
 
-@pytest.mark.parametrize("part", IDS)
+@pytest.mark.parametrize("part", PRESSED)
 def test_each_example_is_loaded_and_without_it_no_part_is_pressed(parts, part):
     found, wanted = parts[part], live.live_program(file_of(part.split("-")[0]))
     assert isinstance(found["early"], str) and "`load_program`" in found["early"]
@@ -102,7 +106,8 @@ def test_each_example_is_loaded_and_without_it_no_part_is_pressed(parts, part):
 
 
 def test_over_can_frames_in_lock_step_trace_and_part_are_those_in_process(links):
-    for key, (name, overrides) in zip(IDS, PARTS, strict=True):
+    for key in LINKED:
+        name, overrides = BY_ID[key]
         here = _core.run(str(file_of(name)), list(overrides))
         assert links[key]["hashes"] == [here.trace_hash] * 2, key
         assert links[key]["cycle"] == asdict(here.cycle), key

@@ -1,6 +1,8 @@
-"""The cap after a lost contact on the emulated chip: the runs of tests/support/cap_study.py."""
+"""The cap after a lost contact on the emulated chip: the runs of tests/support/cap_study.py. With
+--all 70 of the first 200, drawn by the commit, or with FORCEAXIS_WHOLE=1 all of them."""
 
 import cap_study
+import draws
 import pytest
 from forceaxis import _core
 from forceaxis.experiments import link
@@ -14,7 +16,13 @@ def on_the_chip(file):
     return result.columns()
 
 
-@pytest.mark.parametrize("cases", [range(3), pytest.param(range(200), marks=pytest.mark.long)])
+MORE = draws.some("lost contacts", range(200), 70)
+
+
+@pytest.mark.parametrize(
+    "cases",
+    [pytest.param(range(3), id="three"), pytest.param(MORE, id="more", marks=pytest.mark.long)],
+)
 def test_the_cap_holds_as_in_process(tmp_path, cases):
     for number in cases:
         found = cap_study.run(tmp_path, number, on_the_chip)

@@ -6,6 +6,7 @@ Run with `pytest -s` to see the instruction counts by mode.
 
 import random
 
+import draws
 import pytest
 from forceaxis.objects import BY_NAME
 from test_firmware_targets import (  # noqa: F401 (built is a fixture)
@@ -144,14 +145,19 @@ def press(master, rng, tick, is_on, position):
     master.write("target_velocity", 5 * force)
 
 
-def more(*target_and_ticks):
-    return pytest.param(*target_and_ticks, marks=pytest.mark.long)
+# With --all one of them, drawn by the commit, runs three times as long.
+LONGER = draws.some("targets", [CORTEX_M4, RV32], 1)
 
 
 @pytest.mark.parametrize(
     ("target", "ticks"),
-    [(CORTEX_M4, TICKS), more(CORTEX_M4, 3 * TICKS), more(RV32, 3 * TICKS)],
-    ids=["Cortex-M4", "longer Cortex-M4", "RV32"],
+    [
+        pytest.param(CORTEX_M4, TICKS, id="Cortex-M4"),
+        *(
+            pytest.param(t, 3 * TICKS, marks=pytest.mark.long, id=f"longer {t.name}")
+            for t in LONGER
+        ),
+    ],
 )
 def test_targets_run_the_drive_as_the_host_does(built, target, ticks, tmp_path):  # noqa: F811
     compiled, image = built(target)

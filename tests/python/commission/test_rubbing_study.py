@@ -3,14 +3,16 @@ its own, which another worker of tools/test --all runs beside test_tune_study.py
 
 import os
 
+import draws
 import pytest
 import tune_study
 
 pytestmark = [pytest.mark.beside, pytest.mark.long]
 
-# Dry friction in guide, gear and under the workpiece: FORCEAXIS_RUBS=12 of them, else two that
-# are tuned at once, and one whose dampings were fitted 40 times too large.
-RUBS = range(int(os.environ["FORCEAXIS_RUBS"])) if "FORCEAXIS_RUBS" in os.environ else (1, 9)
+# Dry friction in guide, gear and under the workpiece: FORCEAXIS_RUBS=12 of them, else one of two
+# that is drawn by the commit, or with FORCEAXIS_WHOLE=1 both.
+FEW = draws.some("rubs", (1, 9), 1)
+RUBS = range(int(os.environ["FORCEAXIS_RUBS"])) if "FORCEAXIS_RUBS" in os.environ else FEW
 
 
 def test_axes_that_rub_are_tuned_as_promised_or_refused_with_their_newtons(tmp_path):

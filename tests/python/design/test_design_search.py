@@ -345,6 +345,7 @@ def test_a_static_error_that_is_asked_for_excludes_p(monkeypatch):
 POSSIBLE = [(ROOT / "tests/plant/two_modes.toml", 20.9), ("fig4_19", 19.3)]
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "possible"), POSSIBLE)
 def test_the_search_finds_the_order_of_the_law(model, possible):
@@ -366,6 +367,7 @@ AXES = {
 }
 
 
+@pytest.mark.beside
 @pytest.mark.long
 @pytest.mark.parametrize("name", AXES)
 def test_bandwidth_over_the_set(name, tmp_path):

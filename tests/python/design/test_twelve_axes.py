@@ -13,7 +13,8 @@ from forceaxis.linear.loops import LoopSpec
 BETTER = 1.5
 ALL = list(twelve_axes.AXES)
 QUICK = [ALL[11]]
-SHEETS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.long, id=n) for n in ALL]
+LATER = (pytest.mark.beside, pytest.mark.long)
+SHEETS = [pytest.param(n, marks=() if n in QUICK else LATER, id=n) for n in ALL]
 
 
 def made(folder, sheet):

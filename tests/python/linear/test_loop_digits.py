@@ -4,12 +4,12 @@ the same under every kernel of OpenBLAS."""
 import itertools
 import json
 import math
-import os
 import random
 import subprocess
 import sys
 from pathlib import Path
 
+import draws
 import kernels
 import numpy as np
 import pytest
@@ -46,6 +46,7 @@ CASES = [
     if (law, timing) != ("bank", "continuous")
 ]
 QUICK = CASES[::23]
+OTHERS = [case for case in CASES if case not in QUICK]
 REL = 1e-9
 
 
@@ -131,8 +132,9 @@ def test_loops_have_their_digits(name, timing, law):
 
 @pytest.mark.beside
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "timing", "law"), [c for c in CASES if c not in QUICK])
+@pytest.mark.parametrize(("name", "timing", "law"), draws.some("loops", OTHERS, len(OTHERS) // 3))
 def test_every_loop_has_its_digits(name, timing, law):
+    """Every third, drawn by the commit; with FORCEAXIS_WHOLE=1 all of them."""
     has_its_digits(name, timing, law, modes=MOVES.get(name))
 
 
@@ -218,23 +220,25 @@ def drawn(rng, wide=30.0):
             continue
 
 
-def drawn_loops(folder, seed, count):
+def drawn_loops(folder, seed, numbers):
     rng = random.Random(seed)
-    for i in range(count):
+    texts = [drawn(rng) for _ in range(max(numbers) + 1)]
+    for i in numbers:
         model = folder / f"{i}.toml"
-        model.write_text(drawn(rng))
+        model.write_text(texts[i])
         for _, timing, law in (c for c in CASES if c[0] == MODELS[0]):
             has_its_digits(str(model), timing, law)
 
 
 def test_drawn_data_sheets_have_their_digits(tmp_path):
-    drawn_loops(tmp_path, 28, 1)
+    drawn_loops(tmp_path, 28, [0])
 
 
 @pytest.mark.beside
 @pytest.mark.long
 def test_thirty_drawn_data_sheets_have_their_digits(tmp_path):
-    drawn_loops(tmp_path, 29, 30)
+    """A third of them, drawn by the commit; with FORCEAXIS_WHOLE=1 all of them."""
+    drawn_loops(tmp_path, 29, draws.some("data sheets", range(30), 10))
 
 
 # Kernels.
@@ -284,15 +288,12 @@ def test_all_loops_have_the_same_digits_under_every_kernel():
 @pytest.mark.long
 def test_what_computes_digits_passes_under_other_kernels():
     """The tests of loops, sets and designs as they are, in a process of a kernel: two kernels drawn
-    by chance, or with FORCEAXIS_KERNELS=all each that this processor executes."""
+    by the commit, or with FORCEAXIS_WHOLE=1 each that this processor executes."""
     files = [
         "python/linear/test_loops.py", "python/linear/test_over.py",
         "python/design/test_design_search.py",
     ]  # fmt: skip
-    drawn = kernels.executed()
-    if "FORCEAXIS_KERNELS" not in os.environ:
-        drawn = random.sample(drawn, min(2, len(drawn)))
-    for kernel in drawn:
+    for kernel in draws.some("kernels", kernels.executed(), 2):
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long",
              *(f"tests/{name}" for name in files)],

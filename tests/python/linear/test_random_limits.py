@@ -9,6 +9,7 @@ import sys
 from fractions import Fraction
 from types import SimpleNamespace
 
+import draws
 import kernels
 import limit_study
 import numpy as np
@@ -48,8 +49,9 @@ def test_random_loops_have_the_limit_of_their_eigenvalues():
 
 @pytest.mark.beside
 @pytest.mark.long
-@pytest.mark.parametrize("kernel", kernels.executed())
+@pytest.mark.parametrize("kernel", draws.some("kernels", kernels.executed(), 2))
 def test_random_loops_have_their_limits_under_every_kernel(kernel):
+    """Under two kernels, drawn by the commit; with FORCEAXIS_WHOLE=1 under each."""
     done = subprocess.run(
         [sys.executable, limit_study.__file__, "--rows", "16", "6"], check=True,
         env=kernels.environment(kernel), capture_output=True, text=True,

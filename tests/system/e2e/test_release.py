@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 import os
-import random
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +14,7 @@ import zipfile
 from pathlib import Path
 
 import bare_root
+import draws
 import guide
 import make_release
 import pytest
@@ -135,10 +136,11 @@ def differing(one, other):
 
 @pytest.mark.long
 def test_another_folder_gives_the_same_bytes(release, elsewhere, tmp_path):
-    """The images of a board, one program, and one in ten of the object files, drawn by chance, are
-    compiled again. With FORCEAXIS_WHOLE_RELEASE=1 it is the whole release: ten minutes."""
+    """The images of a board and one in ten of the object files, drawn by the commit, are compiled
+    again, and a program is linked again. With FORCEAXIS_WHOLE=1 it is the whole release: ten
+    minutes."""
     environment = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}"}
-    if "FORCEAXIS_WHOLE_RELEASE" in os.environ:
+    if draws.whole():
         words = [sys.executable, elsewhere / "tools/make_release.py", "--out", tmp_path / "dist"]
         subprocess.run(words, check=True, env=environment)
         assert {file.name for file in (tmp_path / "dist").iterdir()} == set(release)
@@ -152,15 +154,42 @@ def test_another_folder_gives_the_same_bytes(release, elsewhere, tmp_path):
     configure = ["cmake", "--preset", "release", f"-DPython_EXECUTABLE={sys.executable}"]
     subprocess.run(configure, cwd=elsewhere, check=True, capture_output=True)
     here, there = ROOT / "build/release", elsewhere / "build/release"
-    listed = ["ninja", "-C", here, "-t", "inputs", *make_release.TARGETS]
-    inputs = subprocess.run(listed, capture_output=True, text=True, check=True).stdout.split()
     # An object for link-time optimisation, as those of _core, has a random name inside.
-    objects = sorted({n for n in inputs if n.endswith(".o") and "/_core.dir/" not in n})
+    objects = [n for n in objects_of(here, *make_release.TARGETS) if "/_core.dir/" not in n]
     assert len(objects) > 120
-    seed = random.randrange(10**6)
-    drawn = ["host/axis_linux", *random.Random(seed).sample(objects, len(objects) // 10)]
+    drawn = draws.some("objects", objects, len(objects) // 10)
     subprocess.run(["ninja", "-C", there, "--quiet", *drawn], check=True)
-    assert differing(there, {name: here / name for name in drawn}) == [], seed
+    assert differing(there, {name: here / name for name in drawn}) == [], draws.word()
+    made = linked_again(here, there, PROGRAM)
+    assert PROGRAM in made and len(made) > 4
+    assert differing(there, {name: here / name for name in made}) == []
+
+
+PROGRAM = "host/axis_linux"
+
+
+def objects_of(build, *targets):
+    """The object files that targets of a build consist of, as names in its folder."""
+    listed = ["ninja", "-C", build, "-t", "inputs", *targets]
+    inputs = subprocess.run(listed, capture_output=True, text=True, check=True).stdout.split()
+    return sorted({name for name in inputs if name.endswith(".o")})
+
+
+def linked_again(here, there, program):
+    """Archives and links a program in a build that has the object files of another one. Returns the
+    names of the files that were made."""
+    for name in objects_of(here, program):
+        (there / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(here / name, there / name)
+    listed = ["ninja", "-C", there, "-t", "commands", program]
+    commands = subprocess.run(listed, capture_output=True, text=True, check=True).stdout
+    made = []
+    for command in commands.splitlines():
+        if found := re.search(r"/ar qc (\S+\.a) | -o (\S+) .*\.a ", command):
+            assert " -c " not in command
+            subprocess.run(["bash", "-c", command], cwd=there, check=True)
+            made.append(found[1] or found[2])
+    return made
 
 
 @pytest.mark.long
@@ -277,11 +306,15 @@ def python(wheels, tmp_path_factory):
     return folder / "bin/python"
 
 
-WITHOUT_BUS = [p for p in guide.pages() if guide.session(p) in ("short", "long")]
+# Each long page is played here only. test_guide.py plays all short ones, in this checkout.
+LONG = [page for page in guide.pages() if guide.session(page) == "long"]
+SHORT = [page for page in guide.pages() if guide.session(page) == "short"]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", WITHOUT_BUS, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [*LONG, *draws.some("pages", SHORT, len(SHORT) // 3)], ids=lambda page: page.stem
+)
 def test_the_commands_of_a_page_work_from_the_wheel_alone(page, python, tmp_path):
     for block, printed in guide.play(page, tmp_path, python):
         assert guide.missing(block, printed) is None, (guide.missing(block, printed), printed)

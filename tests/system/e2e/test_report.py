@@ -14,7 +14,8 @@ ROOT = Path(__file__).resolve().parents[3]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
-pytestmark = pytest.mark.long  # every experiment; test_report_folder.py has a few
+# Every experiment; test_report_folder.py has a few.
+pytestmark = [pytest.mark.beside, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")
