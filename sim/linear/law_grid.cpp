@@ -855,18 +855,23 @@ SlowRoots slow_roots(const ForcePlant &plant) {
 // frequency of the grid. Below this frequency, two integrals and a pair of SlowRoots may have a
 // phase below -180 degrees. If the gain of the loop is above 1 there, this does not make the loop
 // unstable.
-bool begins_stable(const LawShape &law, const SlowRoots &slow, double real, double imag) {
+//
+// A plant with one stable real pole below the grid in place of an integral turns the loop by less
+// than 90 degrees there. With an integral in the law, the loop then stays above -180 degrees.
+bool begins_stable(const LawShape &law, const SlowRoots &slow, bool integral, double real,
+                   double imag) {
+  if (!integral) return slow.poles == 0 || (imag < 0 && slow.pairs == 0);
   return imag < 0 && (law.integral_rad_per_s <= 0 || real < (slow.pairs > 0 ? -1 : 0));
 }
 
-// Returns true if a pole or zero of the plant or of the law may have a frequency below the grid.
-// A pole at 0 is an integral, which the grid shows.
-bool is_slow(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law, bool integral) {
+// Returns true if a pole or zero of the plant or of the law may have a frequency below the grid,
+// except one pole of the plant: an integral, or see begins_stable().
+bool is_slow(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law) {
   const double w = tangent_of(kLowestHz, plant.tick_s());
   const auto has_low_root = [w](double c0, double c1, double c2) {
     return std::abs(c0) < w * std::max(std::abs(c1), w * std::abs(c2));
   };
-  return slow.poles > (integral ? 1U : 0U) || slow.zeros > 0 ||
+  return slow.poles > 1U || slow.zeros > 0 ||
          std::any_of(law.sections.begin(), law.sections.end(), [&](const LawSection &s) {
            return has_low_root(s.n0, s.n1, s.n2) || has_low_root(s.d0, s.d1, s.d2);
          });
@@ -874,8 +879,7 @@ bool is_slow(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law
 
 // Returns true if the grid shows all of the loop, and the loop is stable at small gains.
 bool is_known(const SlowRoots &slow, const ForcePlant &plant, const LawShape &law, bool integral) {
-  return surely_stable(plant, integral) && surely_stable(law) &&
-         !is_slow(slow, plant, law, integral);
+  return surely_stable(plant, integral) && surely_stable(law) && !is_slow(slow, plant, law);
 }
 
 }  // namespace
@@ -990,7 +994,7 @@ PreciseFigures LawGrid::precise(const LawShape &law, double gain, std::size_t pl
   Loop loop = loop_of_one();
   compute(law, plant, begin_[plant], loop);
   const Curve part = curve(loop, begin_[plant], plant, delay);
-  if (integral && !begins_stable(law, slow, gain * part.real[0], gain * part.imag[0])) return {};
+  if (!begins_stable(law, slow, integral, gain * part.real[0], gain * part.imag[0])) return {};
   const Precise precise(part, sight, gain, rest);
   const double axis = precise.axis_distance();
   if (!(axis < 1) || precise.passes_below()) return {};

@@ -250,7 +250,7 @@ def contacts(model, truth, forces, bank, designed, axis=None):
         speed = written["approach_velocity_max"] / scale
         kept = {name: written[name] for name in simulate.KEPT if name in written}
         bench = simulate.ContactBench(plant, designed["adc_bits"], firmware=kept)
-        bench.wait_for(bank)
+        bench.wait_for(bank, designed["worst"]["fS_Hz"])
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
         # The slope is in per mille of the rated force. With the slope for a rated force of 100 N,

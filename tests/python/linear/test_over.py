@@ -14,6 +14,7 @@ from forceaxis._core import InputError
 from forceaxis.linear import bank as banks
 from forceaxis.linear import loops, over, plant_set, settings
 from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.precise import FIGURES, PreciseLoops, Responses
 from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
@@ -215,6 +216,22 @@ def named(worst, plants, spec):
         assert getattr(one, name) == getattr(worst, name)
         for parameter, (_, low, high) in plants.ranges.items():
             assert low <= member.values[parameter] <= high
+
+
+@pytest.mark.parametrize("law", [(8, 0), (30, 1), (200, 0.6), (100, 20)])
+def test_a_pole_below_the_grid_leaves_a_loop_known_and_its_figures_exact(law):
+    """A workpiece against a heavy damping: a pole at 0.005 Hz, where the grid begins at 0.02."""
+    plants = plant_set.PlantSet("laboratory", {"b_r": 1e6, "k_w": 5e4}, {}, ({},))
+    (member,) = plants.nominal()
+    spec = LoopSpec("bank", bank=banks.Bank(float(law[0]), float(law[1])))
+    both = ("zoh", "zoh+1")
+    quick = PreciseLoops.of(Responses(plants, both), both, spec, None, None).figures([member])
+    for timing, found in zip(both, quick[0], strict=True):
+        loop = plants.loop(member, timing, spec)
+        true = over.figures(loop, loop.gain_of(spec.bank.force_gain))
+        assert (found is not None) == true.stable
+        for name in FIGURES if found else ():
+            assert getattr(found, name) == pytest.approx(getattr(true, name), rel=1e-6), name
 
 
 def test_the_worst_is_worse_than_random_members():
