@@ -309,6 +309,8 @@ def law(**changed):
 
     def change(folder):
         altered(folder, "design", lambda result: result["bank"].update(changed))
+        if not changed.get("integral_rad_per_s", 1):  # any static error of the other law is its own
+            altered(folder, "design", lambda result: result["worst"].update(static_error=1.0))
         (folder / "simulate.json").unlink()
 
     return change
@@ -711,7 +713,8 @@ STIFF = {
 }  # fmt: skip
 
 
-def test_a_smallest_amplitude_that_is_too_large_is_kept_for_less_time(tmp_path):
+def test_a_smallest_amplitude_that_is_too_large_is_kept_for_less_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "STEP_SHARE_MAX", 1.0)
     said = []
     tuning = ready(tmp_path, STIFF, (43.0, 140.0), 350.0, say=said.append)
     order = replace(tuning.order, band_hz=tune.CHECK.result(tuning).band_hz)
@@ -721,6 +724,17 @@ def test_a_smallest_amplitude_that_is_too_large_is_kept_for_less_time(tmp_path):
     assert any("the noise keeps each value for" in text for text in said)
     assert level.amplitude == 1 and level.force_min_N > 15.0
     assert tuning.axis.link.axis.extremes["force_N"] < 350.0
+
+
+def test_an_output_that_is_too_coarse_for_a_slow_sensor_is_refused_with_a_force_that_would_do(
+    tmp_path,
+):
+    """One code moved the force by 15 N before a sensor of 20/s showed it, with a force of 43 N."""
+    with pytest.raises(Refusal, match="output of more bits") as caught:
+        ready(tmp_path, STIFF, (43.0, 140.0), 350.0)
+    least = float(caught.value.text.rpartition("forces from ")[2].removesuffix(" N"))
+    assert caught.value.name == "resolution" and 100 < least < 200
+    ready(tmp_path / "finer", STIFF | {"output_bits": 16}, (43.0, 140.0), 350.0)
 
 
 # A stepper with an HX711, whose law of the measurement has an integral of 1 1/s.
@@ -746,6 +760,7 @@ def test_a_slow_loop_settles_before_its_response_is_recorded(tmp_path):
 
 def test_a_workpiece_is_moved_by_no_sine_that_its_sensor_does_not_show(tmp_path, monkeypatch):
     """A sensor of 20/s was asked for the response at 68 Hz."""
+    monkeypatch.setattr(tune, "STEP_SHARE_MAX", 1.0)
     tuning = ready(tmp_path, STIFF | {"workpiece_stiffness_n_per_m": 5e5}, (43.0, 140.0), 350.0)
     slow = SlowChange(
         friction_N=5.0, sticks=False, compliance=0.05, sliding=0.8, softest_N=90.0, softest=1.0,

@@ -707,7 +707,8 @@ COIL_HEAD = {
     ({"sensor_rate_hz": 80, "sensor_filter": "sinc4"}, "none", "contact_losses",
      "the sensor of 80 samples/s shows the force up to 37.6 ms late"),
     # half of a DAC code with a gain of 1 code per 8-bit count of 1.17 N
-    ({"sensor_bits": 12}, "none", "held_force_error_max_N", "each force error below 0.586 N rounds"),
+    ({"sensor_bits": 12}, "none", "held_force_error_max_N",
+     "each force error below 0.586 N rounds"),
     ({"sensor_noise_n": 10, "inclination_deg": "horizontal"}, "none", "contact_losses",
      "the noise of 10 N of the measured force"),
 ])  # fmt: skip
