@@ -25,7 +25,7 @@ from forceaxis.design.sets import slopes
 from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.errors import ParameterError
 from forceaxis.linear import over as sets
-from forceaxis.linear import settings
+from forceaxis.linear import settings, working
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, set_of
@@ -85,12 +85,23 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
     )  # fmt: skip
 
 
+def _is_held_back(plant: Design, mode: dict[str, str]) -> bool:
+    """Returns True if a friction that sticks leaves a loop that is stable at no gain, where it is
+    stable while it slides. The drive then acts on the force only by its reaction on the machine
+    bed, in the wrong direction, until the friction lets go: no law controls a force there."""
+    slides = {name: state for name, state in mode.items() if state != working.STUCK}
+    if slides == mode:
+        return False
+    loops = (plant.loop(changes.Change(states=one)) for one in (mode, slides))
+    return [search.is_stable_at_small_gain(loop) for loop in loops] == [False, True]
+
+
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
     """Returns `modes` and all modes that occur in two simulations with a filter bank, without
-    duplicates. The simulations are a contact at the largest force, and an impact. A mode is
-    {element: state}.
+    duplicates and without those that _is_held_back() excludes. The simulations are a contact at the
+    largest force, and an impact. A mode is {element: state}.
     """
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
@@ -98,7 +109,8 @@ def visited(
     plant = bench.design
     runs = [mode for job in jobs for mode in sets.modes_visited(*job, fixed=plant.states)]
     every = [plant.states | mode for mode in [*modes, *runs]]
-    return sets.distinct(plant.model, plant.overrides, "reading", every) or (plant.states,)
+    found = sets.distinct(plant.model, plant.overrides, "reading", every)
+    return tuple(mode for mode in found if not _is_held_back(plant, mode)) or (plant.states,)
 
 
 def design(

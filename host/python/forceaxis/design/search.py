@@ -34,6 +34,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.precise import DELAYS, Responses
+from forceaxis.linear.stability import Loop
 
 # Smallest ratio of bandwidths at which the search selects the larger structure of the law.
 LARGER_STRUCTURE_MIN = 1.1
@@ -433,18 +434,19 @@ def check_plants(plants: PlantSet, grid: Grid) -> None:
         if not np.any(doubtful) or _integrates(poles, doubtful, grid.core.response(i)):
             continue
         loop = plants.loop(member)
-        # The limit of a loop with a slow sensor takes seconds, its poles at one gain do not.
-        if (
-            loop.codes_per_gain
-            and loop.decay(GAIN_STEP / loop.codes_per_gain) > SLOWEST_DECAY_PER_S
-        ):
-            continue
-        if loop.limit().gain == 0:
+        if not is_stable_at_small_gain(loop):
             raise InputError(
                 f"{loop.model}: {member.label()}: expected a plant whose force loop is stable "
                 f"with a small gain, but this plant is {loop.limit().reason}; add damping to "
                 "the model, or give smaller tolerances"
             )
+
+
+def is_stable_at_small_gain(loop: Loop) -> bool:
+    """Returns False if a force loop is stable at no gain. The limit of a loop with a slow sensor
+    takes seconds, its poles at one gain do not."""
+    gain = GAIN_STEP / loop.codes_per_gain if loop.codes_per_gain else 0.0
+    return bool(gain and loop.decay(gain) > SLOWEST_DECAY_PER_S) or loop.limit().gain != 0
 
 
 def _integrates(poles: Response, doubtful: NDArray[np.bool_], response: Response) -> bool:
