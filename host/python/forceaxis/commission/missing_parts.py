@@ -37,7 +37,9 @@ from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
 from forceaxis.linear import PlantFacts
 
-START_MODES = 6  # number of start frequencies in the search for a mode of vibration
+# Number of start frequencies in the search for a mode of vibration over the band, and where the
+# model explains the responses worst; and smallest difference of the logarithms of the latter.
+START_MODES, WORST_MODES, WORST_APART = 6, 2, 0.1
 EVIDENCE_MIN = 10.0  # least difference of the evidence between the cause and other candidates
 START_LAG_S = 1e-3  # start value of a lag or of a latency in s
 FREED_SPREAD = 0.5  # prior standard deviation of the logarithm of a number that may be wrong
@@ -435,7 +437,7 @@ def _candidates(
         *([one] for one in _numbers(model, at, held)),
         _sensor_lag(model),
         [_latency(model)],
-        *_frames(model),
+        *_frames(model, at),
         _frictions(model, speeds),
         _relaxing(model),
         _stiffening(model),
@@ -539,10 +541,22 @@ def _latency(model: _Model) -> Candidate:
     )  # fmt: skip
 
 
-def _frames(model: _Model) -> list[list[Candidate]]:
+def _worst_hz(problem: Responses, x: Samples) -> list[float]:
+    """Returns the frequencies at which a model explains the responses worst, at most WORST_MODES,
+    each farther than WORST_APART from the others."""
+    size = np.concatenate([np.hypot(*np.split(one, 2)) for one in problem.scores(x)])
+    hz = np.concatenate([m.frequency_hz for m in problem.measured])
+    found: list[float] = []
+    for at in hz[np.argsort(-size)].tolist():
+        if len(found) < WORST_MODES and all(abs(math.log(at / f)) > WORST_APART for f in found):
+            found.append(at)
+    return found
+
+
+def _frames(model: _Model, at: Samples) -> list[list[Candidate]]:
     """Returns candidates for a mode of vibration of the machine, one list for each place: a bed
     that carries motor and encoder, a tool that is held elastically, or another body on a spring at
-    a body of the axis."""
+    a body of the axis. `at`: logarithms of the fitted parameters."""
     hz = np.concatenate([m.frequency_hz for m in model.problem.measured])
     moving = model.facts.moving_kg(model.tables.workpiece)
     taken = {body.name for body in model.tables.bodies}
@@ -591,6 +605,7 @@ def _frames(model: _Model) -> list[list[Candidate]]:
         )  # fmt: skip
 
     starts = np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()
+    starts += _worst_hz(model.problem, at)  # where a narrow mode is
     return [[of(name, end, at) for at in starts] for name, end in kinds]
 
 
