@@ -155,9 +155,10 @@ def test_nothing_is_named_where_the_model_explains_the_responses(model, tmp_path
     assert missing_parts.winner(missing_parts.of(found, tmp_path)) is None
 
 
-def test_a_second_mode_has_a_name_of_its_own(model, tmp_path):  # noqa: F811
+def test_a_second_mode_has_a_name_of_its_own(model, tmp_path, monkeypatch):  # noqa: F811
     """A mode of the tool was added as a cause, and the next one had the same name: the refusal was
     that of the reader of models."""
+    monkeypatch.setattr(missing_parts, "_worst_hz", lambda *_: [])
     values = {"m_mode": 2.0, "k_mode": 1e5, "b_mode": 30.0}
     path = tmp_path / "model.toml"
     path.write_text(model.read_text())
@@ -167,7 +168,7 @@ def test_a_second_mode_has_a_name_of_its_own(model, tmp_path):  # noqa: F811
             model=path, measured=[SimpleNamespace(frequency_hz=np.array([1.0, 100.0]))]
         )
         one = missing_parts._Model(problem, {}, model_file.read(path), linear.facts(path))
-        places = [members[0] for members in missing_parts._frames(one)]
+        places = [members[0] for members in missing_parts._frames(one, np.zeros(0))]
         for place in places:
             whole = tmp_path / "whole.toml"
             whole.write_text(missing_parts.with_lines(path, place.lines(values)))
@@ -176,3 +177,23 @@ def test_a_second_mode_has_a_name_of_its_own(model, tmp_path):  # noqa: F811
         kinds += len(places)
         path.write_text(missing_parts.with_lines(path, places[kinds % len(places)].lines(values)))
     assert kinds >= 6
+
+
+def test_a_mode_is_searched_where_the_model_explains_the_responses_worst(model):  # noqa: F811
+    """A bed at 28 Hz lay between two starts of a band to 400 Hz, and another mode was taken."""
+    hz = np.geomspace(1.0, 400.0, 200)
+    size = np.exp(-((np.log(hz / 28.5) / 0.02) ** 2)) + 0.5 * np.exp(
+        -((np.log(hz / 90) / 0.02) ** 2)
+    )
+    problem = SimpleNamespace(
+        model=model, measured=[SimpleNamespace(frequency_hz=hz)],
+        scores=lambda x: [np.concatenate([0.6 * size, -0.8 * size])],
+    )  # fmt: skip
+    one = missing_parts._Model(problem, {}, model_file.read(model), linear.facts(model))
+    for places in missing_parts._frames(one, np.zeros(0)):
+        starts = [
+            np.sqrt(c.priors["k_mode"].value / c.priors["m_mode"].value) / (2 * np.pi)
+            for c in places
+        ]
+        assert min(abs(np.log(at / 28.5)) for at in starts) < 0.03
+        assert min(abs(np.log(at / 90)) for at in starts) < 0.03
