@@ -155,6 +155,21 @@ def test_a_workpiece_that_relaxes_is_not_taken_for_one_that_rubs(share, time_s):
     assert rubs.rubs and not rubs.creep
 
 
+@pytest.mark.parametrize("coarse", [8, 12, 16])
+def test_with_a_few_counts_what_fits_better_decides_between_friction_and_relaxing(coarse):
+    """A way of 34 counts with 0.9 counts between both directions: 1.4 N of a workpiece without."""
+    rigid, found = COUNTS / K_S / coarse, []
+    for share, time_s in ((0.2, 1.0), (0.2, 1.65), (0.3, 0.5)):
+        force, counts = relaxing(share, time_s)
+        for shift in (-0.2, 0.0, 0.2):
+            found.append(friction.slow_loading(force, np.round(counts / coarse + shift), rigid))
+    assert sum(one.creep > 0 for one in found) >= 3  # 0 before
+    for newton in (8.0, 25.0):
+        force, counts = pushed(newton)
+        rubs = friction.slow_loading(force, np.round(counts / coarse), rigid)
+        assert rubs.friction_N == pytest.approx(newton, rel=0.3) and not rubs.creep
+
+
 def test_the_lines_of_a_workpiece_that_relaxes_are_taken_by_its_model(press, tmp_path):
     lines = missing_parts.relaxing(press / "model.toml", 0.5, 1.0)
     whole = tmp_path / "model.toml"

@@ -84,6 +84,8 @@ ERROR_REDUCTION_MIN = 0.15
 # the sum of the squares of the errors is below RELAXING_SHARE of that with friction. The errors of
 # neighbouring samples are alike, so a likelihood of independent ones would find it too often.
 RELAXING_SHARE = 0.2
+# Below this difference of the positions in counts, the smaller sum alone decides.
+SMALL_CNT = 3.0
 CREEP_S = (0.03, 20.0)  # shortest and longest time constant that is tried
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
@@ -583,7 +585,10 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
         one = _simplest([_loops(F, x, knots, FIRST_STATES) for knots in (0, KNOTS)])
     half, c_all, c_slide, rubs = one.half, one.whole, one.slides, one.rubs
     other = min(one.left, curved.left)
-    relaxes = min(late.at_once, late.creep) > 0 and late.left < RELAXING_SHARE * other
+    # A difference of a few counts between both directions has hardly a shape to tell them by.
+    small = 2 * half * c_slide < SMALL_CNT
+    share = 1.0 if small else RELAXING_SHARE
+    relaxes = min(late.at_once, late.creep) > 0 and late.left < share * other
     creep, creep_s = 0.0, 0.0
     if relaxes:
         rubs, c_all, creep, creep_s = False, late.at_once, late.creep, late.creep_s
