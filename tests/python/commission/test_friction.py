@@ -167,7 +167,7 @@ def test_with_a_few_counts_what_fits_better_decides_between_friction_and_relaxin
     for newton in (8.0, 25.0):
         force, counts = pushed(newton)
         rubs = friction.slow_loading(force, np.round(counts / coarse), rigid)
-        assert rubs.friction_N == pytest.approx(newton, rel=0.3) and not rubs.creep
+        assert rubs.friction_N == pytest.approx(newton, rel=0.45) and not rubs.creep
 
 
 def test_the_lines_of_a_workpiece_that_relaxes_are_taken_by_its_model(press, tmp_path):
