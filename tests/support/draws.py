@@ -23,11 +23,15 @@ def whole() -> bool:
 
 @functools.cache
 def word() -> str:
-    """By which a run draws: the same in all its processes."""
+    """By which a run draws: the same in all its processes. Outside of a repository, where a commit
+    is not known, it is the same for all runs."""
     if "FORCEAXIS_DRAW" in os.environ:
         return os.environ["FORCEAXIS_DRAW"]
-    command = ["git", "rev-parse", "HEAD"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    try:
+        command = ["git", "rev-parse", "HEAD"]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
     return done.stdout.strip()
 
 
