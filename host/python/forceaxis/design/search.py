@@ -621,7 +621,8 @@ def _p_of(rows: list[StructureDesign]) -> P:
 def _no_gain(rows: Sequence[StructureDesign] = ()) -> ParameterError:
     """Returns the error of a search without a result. `rows`: laws that keep the margins, but leave
     too large a static error."""
-    if errors := [row.worst.static_error for row in rows if row.worst]:
+    errors = [row.worst.static_error for row in rows if row.worst]
+    if errors and min(errors) > 0:
         return ParameterError(
             "ms", "expected margins that a force law with integral action can keep for the whole "
             "set of plants, but only P keeps them, and it leaves a static error of "
