@@ -228,7 +228,7 @@ def main(arguments):
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-j2")
         pytest(tally, "long", "long and not alone and not beside", *PARALLEL)
-    # Both sides go on with their next stage at once: neither waits for the other.
+    # Each of the two threads begins its long stage as soon as its short stage has ended.
     with meanwhile(tally, lambda: beside(tally, stages, fuzz_s)):
         for prefix, expression in stages.items():
             pytest(tally, f"{prefix}alone", f"alone and {expression}", twice=True)

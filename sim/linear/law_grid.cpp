@@ -107,7 +107,7 @@ class GridMaker {
         .second;
   }
 
-  // Returns the index of an alias frequency of a common point in the result of factors_of().
+  // Returns the index, in the result of factors_of(), of alias frequency k of a common point.
   std::size_t index_of(const Point &point, int k) const {
     return static_cast<std::size_t>(k) * common_.size() + point.common;
   }

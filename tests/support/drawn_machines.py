@@ -607,8 +607,12 @@ def judged(
     worst = margins.worst(wide, ("zoh",), LoopSpec("bank", bank=bank))
     row = {"Ms": worst.Ms, "fS_true_Hz": worst.fS_Hz, "stable_linear": worst.stable}
     rows = drawn_axes.contacts(model, {}, forces, bank, designed, axis)
-    # A contact that bounces more often than the law alone may, and then holds, is no unstable one.
-    bounced = [{m.limit for m in one.missed} == {"contact_losses_max"} for one in rows]
+    # A first contact that is lost too often, and then holds its force without a fault, counts as
+    # stable.
+    bounced = [
+        one.fault == "none" and {m.limit for m in one.missed} == {"contact_losses_max"}
+        for one in rows
+    ]
     holds = [one.is_stable or bounce for one, bounce in zip(rows, bounced, strict=True)]
     row |= {
         "stable": worst.stable and all(holds),

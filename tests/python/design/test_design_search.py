@@ -326,19 +326,15 @@ def test_a_section_attenuates_a_mode_that_leaves_a_pi_law_no_bandwidth(monkeypat
     assert "PI" not in [row.name for row in found.structures]
 
 
-def test_a_static_error_that_is_asked_for_excludes_p(monkeypatch):
-    """With a margin at which no integral is fast enough, P alone is left, and is refused."""
-    monkeypatch.setattr(search, "RANDOM", 10)
-    monkeypatch.setattr(search, "PROBE_RANDOM", 5)
-    free, bound = (
-        search.search(plant_set(ranges=[], modes=({},)), search.Goal(static_error_max=share))
-        for share in (1.0, 0.02)
-    )
-    p = next(row for row in free.structures if row.name == "P")
-    assert p.worst.static_error > 0.02
-    assert bound.chosen != "P" and bound.worst.static_error <= 0.02
-    only = search._no_gain([p])
-    assert f"a static error of {100 * p.worst.static_error:.2g} %" in str(only)
+@pytest.mark.parametrize(("error", "is_chosen"), [(0.019, True), (0.021, False)])
+def test_p_with_more_than_the_permitted_static_error_is_not_chosen_and_named(error, is_chosen):
+    worst = SimpleNamespace(static_error=error)
+    p = SimpleNamespace(name="P", bandwidth_Hz=2.0, worst=worst, leaves_error=True)
+    assert search._chosen([p], search.Goal()) is p
+    assert (search._chosen([p], search.Goal(static_error_max=0.02)) is p) == is_chosen
+    assert f"a static error of {100 * error:.2g} %" in str(search._no_gain([p]))
+    pi = SimpleNamespace(name="PI", worst=SimpleNamespace(static_error=0.0))
+    assert "only P" not in str(search._no_gain([p, pi]))
 
 
 # Plant, the bandwidth in Hz that the best law of any structure reaches over its set: of the issue.

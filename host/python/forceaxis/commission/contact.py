@@ -41,7 +41,7 @@ from forceaxis.linear.plant_set import PlantSet
 # Number of plants that are drawn at random from the set of plants, and seed of the random numbers.
 MEMBER_COUNT, MEMBER_SEED = 6, 1988
 # Contact losses of a first contact, besides those that the impact causes, that are permitted with
-# plants that the design did not simulate. It permits one.
+# plants that the design did not simulate. The design itself permits one.
 LOSSES_MAX = 3
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest time in s that is recorded before and after a first contact
 # To leave the contact, the axis makes short moves, and then one move over the whole travel.

@@ -51,7 +51,7 @@ Response = NDArray[np.complex128]
 PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
 # A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
 SEARCHED_SHARE = 0.95
-# The response of values that a model refuses, as a multiple of the measured one.
+# Factor of the measured response that is used as the prediction for values that the model refuses.
 FORBIDDEN = 1e3
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
 # If a model does not explain the responses, its relative error at each frequency is the mean of the
