@@ -56,16 +56,22 @@ def test_a_slow_winding_is_named_and_its_inductance_is_printed(model, tmp_path):
 
 MACHINE = ("velocity", 1)  # a screw drive with an elastic transmission
 FRAME = {"hz": 30.0, "mass": 300.0, "stiffness": 300.0 * (60 * np.pi) ** 2, "damping": 3000.0}
+# A light bed below a stiff loop of the drive: in noisy responses, the fit without the bed takes its
+# effect into that loop, and from there a mode at the tool was found in its place.
+LIGHT_MACHINE, LIGHT_KG = ("velocity", 31), 71.0
+LIGHT = {"hz": 20.0, "mass": LIGHT_KG, "stiffness": LIGHT_KG * (40 * np.pi) ** 2, "damping": 105.0}
+LIGHT_OFF = {"k_w": 1.06, "m_w": 1.52, "b_w": 2.2, "k_s": 0.91, "b_s": 1.9, "b_axis": 1.4}
 # {cause: (truth over the model, elements, {response: states})}
 DISTURBED = {
     "latency": ({}, {"latency": {"s": 4e-3, "as": "delay"}}),
     "sensor_lag": ({}, {"latency": {"s": 3e-3, "as": "low pass"}}),
     "frame": ({}, {"frame": FRAME | {"where": "bed"}}),
+    "light_frame": (LIGHT_OFF, {"frame": LIGHT | {"where": "bed"}}),
     "drive_numbers": ({"velocity_loop": 2.1}, {}),
     "moving_mass": ({"m_load": 1.5}, {}),
     "stiffening": ({}, {"stiffening": {"factors": [0.4, 1.0, 2.0], "loads_N": [500.0, 900.0]}}),
 }
-GATE = ("frame",)
+GATE = ("light_frame",)
 FAR = ("drive_numbers", "moving_mass")
 
 
@@ -73,7 +79,9 @@ FAR = ("drive_numbers", "moving_mass")
     "cause", [c if c in GATE else pytest.param(c, marks=pytest.mark.long) for c in DISTURBED]
 )
 def test_a_disturbance_alone_is_named_with_what_the_fit_then_accepts(cause, tmp_path):
-    machine = copy.deepcopy(drawn_machines.draw(*MACHINE, exact=True))
+    light = cause == "light_frame"
+    drawn = LIGHT_MACHINE if light else MACHINE
+    machine = copy.deepcopy(drawn_machines.draw(*drawn, exact=True))
     machine.truth, machine.elements = DISTURBED[cause]
     path = drawn_axes.written(tmp_path / "known", machine.sheet) / "model.toml"
     plant = drawn_machines.true_model(path, machine, tmp_path / "true")
@@ -81,7 +89,8 @@ def test_a_disturbance_alone_is_named_with_what_the_fit_then_accepts(cause, tmp_
     for i in range(3):
         segments = linear.facts(plant).switches.get("fixture")
         states = {"fixture": segments[i]} if segments and i else {}
-        one = measured(plant, {}, free=i == 0, seed=50 + i, modes=states, error=0.01)
+        one = measured(plant, {}, free=i == 0, seed=50 + i, modes=states,
+                       error=0.05 if light else 0.01)  # fmt: skip
         if cause == "latency" and i:
             late = np.exp(-2j * np.pi * one.frequency_hz * machine.elements["latency"]["s"])
             one = replace(one, response=one.response * late)
@@ -96,10 +105,13 @@ def test_a_disturbance_alone_is_named_with_what_the_fit_then_accepts(cause, tmp_
     tried = candidates(path, found, tmp_path)
     first = missing_parts.winner(tried)
     assert first is not None, missing_parts.text_of(tried)
-    assert first.name == cause, missing_parts.text_of(tried)
+    assert first.name == cause.removeprefix("light_"), missing_parts.text_of(tried)
     assert missing_parts.text_of(tried).startswith(f"the cause is {first.text}: ")
     if cause == "frame":
         assert "machine bed near 30" in first.text or "machine bed near 29" in first.text
+    if light:
+        assert first.text.startswith("a mode of the machine bed near ")
+        assert first.values["m_mode"] == pytest.approx(LIGHT_KG, rel=0.3)
     if cause not in ("stiffening", "latency"):  # ages of readings belong to a response, not a model
         again = accepted(path, first, found, tmp_path)
         assert again.rejected is None, again.text

@@ -52,6 +52,7 @@ FREED_GAIN_MIN = 3.0
 # all parameters of the REFINED_MIN best candidates and of those that have REFINED_SHARE of the
 # best evidence.
 BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
+WHOLE_EVALUATIONS = 10
 REFINED_MIN, REFINED_SHARE = 4, 0.3
 # Highest frequency of a mode, divided by that of the responses. A body with a higher frequency is
 # rigid in them, so that it shows a wrong mass and no mode.
@@ -97,6 +98,8 @@ class Candidate:
     parameters: dict[str, tuple[float, str]] = field(default_factory=dict)
     #: True if a model with `lines` describes it by linear elements, so that a law may rely on it
     linear: bool = True
+    #: True if its fit begins with all parameters: without it, the others have taken its effect
+    whole: bool = False
     #: False for values with which the responses do not show the candidate
     is_shown: Callable[[Values], bool] = lambda _: True
 
@@ -266,8 +269,12 @@ def _ranked(
     begun = []
     for variants in _candidates(problem, x, best, speeds, held):
         fits = [one for v in variants if (one := _begun(problem, x, v, folder)) is not None]
-        if fits:
-            begun.append(_refined(min(fits, key=lambda one: one.cost), FIRST_EVALUATIONS))
+        alone = [one for one in fits if not one.candidate.whole]
+        starts = [_refined(one, WHOLE_EVALUATIONS) for one in fits if one.candidate.whole]
+        if alone:
+            starts.append(_refined(min(alone, key=lambda one: one.cost), FIRST_EVALUATIONS))
+        if starts:
+            begun.append(min(starts, key=lambda one: one.cost))
     begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
     most = begun[0].tried(before).gain if begun else 0.0
     tried = [
@@ -310,7 +317,8 @@ class _Fit:
 
 def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -> _Fit | None:
     """Fits only the parameters of a candidate, while all other parameters stay at x. The cost is
-    that of the residuals coarse(). Returns None if the model does not take the candidate."""
+    that of the residuals coarse(). A candidate that begins as a whole is not fitted yet. Returns
+    None if the model does not take the candidate."""
     try:
         wider = _with(problem, candidate, folder)
     except InputError:
@@ -318,6 +326,8 @@ def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -
     begin = wider.centre.copy()
     places = [wider.names.index(name) for name in problem.names]
     begin[places] = x
+    if candidate.whole:
+        return _Fit(candidate, wider, begin, math.inf)
     free = [wider.names.index(name) for name in candidate.priors]
     low, high = (bound[free] for bound in wider.bounds(1e-3))
 
@@ -568,7 +578,7 @@ def _frames(model: _Model, at: Samples) -> list[list[Candidate]]:
     if model.tables.contact and TOOL not in taken:
         kinds.append((TOOL, model.tool))
 
-    def of(name: str, end: str, at_hz: float) -> Candidate:
+    def of(name: str, end: str, at_hz: float, whole: bool = False) -> Candidate:
         mass = (2.0 if name == BED else 0.1) * moving
         stiffness = mass * (2 * math.pi * at_hz) ** 2
 
@@ -601,12 +611,16 @@ def _frames(model: _Model, at: Samples) -> list[list[Candidate]]:
             words, elements, elements=elements,
             parameters={"m_mode": (mass, "kg"), "k_mode": (stiffness, "N/m"),
                         "b_mode": (0.0, "N s/m")},
-            is_shown=is_mode,
+            is_shown=is_mode, whole=whole,
         )  # fmt: skip
 
     starts = np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()
-    starts += _worst_hz(model.problem, at)  # where a narrow mode is
-    return [[of(name, end, at) for at in starts] for name, end in kinds]
+    worst = _worst_hz(model.problem, at)  # where a narrow mode is
+    starts += worst
+    return [
+        [*(of(name, end, at) for at in starts), *(of(name, end, at, whole=True) for at in worst)]
+        for name, end in kinds
+    ]
 
 
 def _add(document: tomlkit.TOMLDocument, model: str | Path, text: str) -> None:
