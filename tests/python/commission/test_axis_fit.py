@@ -94,6 +94,23 @@ def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model
     assert high / low < 1.05 * 1.3 / 0.7
 
 
+def test_a_stiffness_that_differs_between_forces_widens_the_set_once(model):
+    """Its change was added to the range, and again as an error that the responses leave open: a
+    stiffness of 3065 and 6359 N/m gave a set of 770 to 22,960 N/m."""
+    truth, forces = true_values(model), (0.7, 1.4)
+    found = [measured(model, truth, free=True, seed=10)] + [
+        measured(model, truth | {"k_w": factor * truth["k_w"]}, seed=11 + i)
+        for i, factor in enumerate(forces)
+    ]
+    fit = joint_fit.joint(model, known.priors(model, OVER), found, OVER)
+    first = {f"k_w@{i + 1}": factor * truth["k_w"] for i, factor in enumerate(forces)}
+    fit = joint_fit.with_levels(fit, "k_w", first, OVER)
+    assert fit.rejected is None
+    _, low, high = fit.plants.ranges["k_w"]
+    least, most = (f * truth["k_w"] for f in (0.7 * min(forces), 1.3 * max(forces)))
+    assert 0.85 * least < low < 1.02 * least and 0.98 * most < high < 1.18 * most
+
+
 def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
     truth = true_values(model)
     found = [

@@ -32,7 +32,7 @@ from forceaxis.commission import (
     tune_measure,
 )
 from forceaxis.commission.level import MeasuringOrder
-from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.refusal import MeasureAgain, Refusal
 from forceaxis.commission.tune_results import SlowChange
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
@@ -1093,7 +1093,7 @@ def test_each_step_takes_the_results_of_the_steps_before_it(step):
 
 # Keys of the files as the program wrote them before its results had types; a level, a contact.
 KEYS = {
-    "check": "band_hz before latency_ticks law rest settings",
+    "check": "averages band_hz before latency_ticks law rest settings",
     "free": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N glide "
     "noise_lsb of_loop random_error_median speed_rms swing",
     "measure": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N "
@@ -1372,9 +1372,10 @@ def test_a_response_ends_below_half_of_the_slowest_rate_of_bus_and_sensor():
 
 
 class ToldStep(NamedTuple):
-    """A step that tells the band of the responses, and may then refuse."""
+    """A step that tells band and averages of the responses, and may then refuse."""
 
     name: str
+    at: str
     file: as_found.FolderFile
     told: list
     refusals: list
@@ -1383,25 +1384,36 @@ class ToldStep(NamedTuple):
         return None
 
     def run(self, work):
-        self.told.append((self.name, tune.CHECK.result(work).band_hz[1]))
-        if self.name == "verify" and self.refusals:
+        checked = tune.CHECK.result(work)
+        self.told.append((self.name, checked.band_hz[1], checked.averages))
+        if self.name == self.at and self.refusals:
             raise self.refusals.pop()
         return "done"
 
 
-def test_a_mode_above_the_responses_is_measured_once_by_the_same_command(
-    plants, designed, monkeypatch
+AGAIN = {
+    "verify": MeasureAgain("verify", "a mode", "measured to 390 Hz", band_hz=(1.0, 390.0)),
+    "fit": MeasureAgain("coherence", "a mode", "measured 12 times", averages=12),
+}
+
+
+@pytest.mark.parametrize("at", AGAIN)
+def test_responses_that_do_not_suffice_are_measured_again_once_by_the_same_command(
+    at, plants, designed, monkeypatch
 ):
-    """A tool mode of 296 Hz was refused at the end of a tuning, with the band that shows it."""
-    told, say = [], []
+    """A tool mode of 296 Hz was refused at the end of a tuning, with the band that shows it, and a
+    mode that was known to 24 % for 20 % with a word about averages."""
+    told, say, one = [], [], AGAIN[at]
     with Axis(link(plants)) as axis:
         work = tune.Tuning(axis, order(plants), designed, say.append)
-        before, check = tune.CHECK.result(work).band_hz[1], tune.CHECK.file.required(designed)
-        for modes, after in ((1, "store"), (2, "verify")):
+        check = tune.CHECK.file.required(designed)
+        before = check.result.band_hz[1], 0
+        changed = (one.band_hz or check.result.band_hz)[1], one.averages
+        for modes, after in ((1, "store"), (2, at)):
             tune.CHECK.file.write(designed, check)
-            refusals = [tune.HighMode("a mode", 296.0, (1.0, 390.0)) for _ in range(modes)]
+            refusals = [one] * modes
             table = {
-                name: ToldStep(name, tune.STEP_TABLE[name].file, told, refusals)
+                name: ToldStep(name, at, tune.STEP_TABLE[name].file, told, refusals)
                 for name in tune.STEPS[1:]
             }
             monkeypatch.setattr(tune, "STEP_TABLE", tune.STEP_TABLE | table)
@@ -1411,10 +1423,16 @@ def test_a_mode_above_the_responses_is_measured_once_by_the_same_command(
             else:
                 with pytest.raises(Refusal, match="a mode"):
                     work._run_steps(None)
-            until, again = tune.STEPS.index("verify"), tune.STEPS.index("measure")
+            until, again = tune.STEPS.index(at), tune.STEPS.index("measure")
             end = tune.STEPS.index(after) + 1
             assert told == [
-                *((name, before) for name in tune.STEPS[1 : until + 1]),
-                *((name, 390.0) for name in tune.STEPS[again:end]),
+                *((name, *before) for name in tune.STEPS[1 : until + 1]),
+                *((name, *changed) for name in tune.STEPS[again:end]),
             ]
-    assert sum("measured again to 390 Hz" in line for line in say) == 2
+    assert say.count(one.why) == 2
+
+
+def test_so_many_averages_are_asked_for_as_the_error_needs():
+    tuning = SimpleNamespace(order=SimpleNamespace(averages=8))
+    assert tune_fit._averages(tuning, 0.24) in range(12, 17)  # 8 * (0.24 / 0.2)^2, and a margin
+    assert tune_fit._averages(tuning, 2.0) == 0

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import forceaxis as package
+import numpy as np
 import pytest
 import tomlkit
 import verbs
@@ -185,7 +186,7 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     monkeypatch.setattr(simulate, "REPEATED_MAX", 0)
     whole = for_set.design(order(FINE, "k_w=30%", latency="0"))
     assert (whole.bank, whole.loss, whole.rows) == (done.bank, done.loss, done.rows)
-    assert sum(c.simulated for c in whole.cuts) > 2 * sum(c.simulated for c in done.cuts)
+    assert sum(c.simulated for c in whole.cuts) > 1.5 * sum(c.simulated for c in done.cuts)
 
 
 @pytest.mark.parametrize(
@@ -359,6 +360,38 @@ def test_a_coarser_adc_keeps_range_and_gain():
         assert coarse.count_N == fine.count_N == 2.5
         assert coarse.facts.required_reading.bits == 8
         assert coarse.setpoints_N == fine.setpoints_N == [30.0, 75.0, 150.0]
+
+
+def test_limits_of_a_contact_leave_room_for_the_noise_of_its_sensor():
+    """A stable law on a coarse, noisy sensor was refused for a ripple that the noise alone causes,
+    and for losses where the force passes contact_force slowly."""
+    with changes.Design("fig4_19") as design:
+        bench = simulate.ContactBench(design, 8)
+        case, bank = bench.cases[0], Bank(5.0, 5.0)
+        quiet, losses = bench.experiment(case, bank)["verdict"], bench.losses_permitted(case)
+        assert quiet["force_ripple_max_count"] == simulate.RIPPLE_COUNT
+        noise = 1.2  # rms, in counts of 8 bits
+        bench.design.noise_codes = lambda bits: noise * 2.0 ** (bits - 8)
+        bench.settings["contact_force"] = 5 * noise
+        loud = bench.experiment(case, bank)["verdict"]
+        values = np.random.default_rng(5).normal(0.0, noise, (1000, 750)).round()
+        assert loud["force_ripple_max_count"] > np.quantile(np.ptp(values, axis=1), 0.999)
+        assert loud["force_ripple_max_count"] < 12 * noise  # a limit cycle is more
+        assert bench.losses_permitted(case) > losses
+        bench.settings["contact_force"] = 20 * noise
+        assert bench.losses_permitted(case) == losses
+
+
+def test_impacts_of_the_plants_of_a_set_count_with_those_of_the_nominal_plant():
+    """A light workpiece of the set rebounded more often than the nominal one permitted."""
+    with changes.Design("laboratory") as design:
+        bench = simulate.ContactBench(design, 12)
+        bank, case = BANKS[12].quantised(), bench.cases[0]
+        bench.measure_impacts(bank, (0,))
+        plain = bench.impacts[case]
+        light = {"m_w": 0.3 * design.value("m_w"), "b_w": 0.1 * design.value("b_w")}
+        bench.measure_impacts(bank, (0,), members=[light])
+        assert bench.impacts[case][0] >= plain[0] and bench.impacts[case] != plain
 
 
 REFUSED = {

@@ -157,6 +157,8 @@ class JointFit:
     correlation: Samples | None = None
     plants: plant_set.PlantSet | None = None  #: the plants for which a force law is designed
     limiting_hz: float | None = None
+    #: relative standard error of the response there, if it is too large
+    limiting_error: float = 0.0
     #: for each response: {parameter: value} of the parameters that belong only to this response
     own: list[Values] = field(default_factory=list)
     #: parameters whose fitted value is far from a prior that is only surmised
@@ -603,6 +605,8 @@ def _evaluated(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     ranges = plant_set.ranges_of(problem.model, over, best)
     shown = _shown(problem, lines, ranges)
+    # The changes between the forces are added to the ranges below, and not a second time here.
+    left_open = _left_open(problem, x, covariance, ranges)
     shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:
         shift = apart - x
@@ -617,7 +621,6 @@ def _evaluated(
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
     found.ratios = _ratios(best, covariance, size)
-    left_open = _left_open(problem, x, covariance, ranges)
     for i, name in enumerate(problem.names):
         if "@" in name:
             continue
@@ -740,7 +743,7 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
         for m in problem.measured:
             error = _error_near(m, found.limiting_hz)
             if not m.free and error > LIMITING_MODE_ERROR_MAX:
-                found.rejected = "coherence"
+                found.rejected, found.limiting_error = "coherence", error
                 found.text = (
                     f"expected a response that is known to {100 * LIMITING_MODE_ERROR_MAX:g} % at "
                     f"the limiting mode of {found.limiting_hz:.3g} Hz, got {100 * error:.2g} %: "

@@ -24,6 +24,18 @@ class Refusal(Exception):
         self.name, self.text, self.lines, self.model = name, text, lines, model
 
 
+class MeasureAgain(Refusal):
+    """A refusal that goes away if the responses are measured again, with the band `band_hz` in Hz
+    or with `averages` realisations. None, 0: as before. `why` is a sentence for the user."""
+
+    def __init__(
+        self, name: str, text: str, why: str, band_hz: tuple[float, float] | None = None,
+        averages: int = 0,
+    ) -> None:  # fmt: skip
+        super().__init__(name, text)
+        self.why, self.band_hz, self.averages = why, band_hz, averages
+
+
 def of_link(axis: Axis, error: Exception) -> Refusal:
     """Converts an exception of a step to a Refusal. The state of the axis determines the name of
     the Refusal: no_answer, ownership, the name of a fault, or refused.

@@ -38,7 +38,7 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.level import Level, Rest
-from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL, Refusal, of_link
+from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL, MeasureAgain, Refusal, of_link
 from forceaxis.commission.tune_folder import (
     BEFORE,
     MEASURED,
@@ -691,19 +691,10 @@ def verify(
     except Refusal as refusal:
         _restore_earlier_law(tuning)
         text = f"{refusal.text}; {EARLIER_LAW_AGAIN}"
-        if isinstance(refusal, HighMode):
-            raise HighMode(text, refusal.peak_hz, refusal.band_hz) from None
+        if isinstance(refusal, MeasureAgain):
+            raise MeasureAgain(refusal.name, text, refusal.why, refusal.band_hz) from None
         raise Refusal(refusal.name, text) from None
     return Verified(levels)
-
-
-class HighMode(Refusal):
-    """A refusal of the step `verify`: |S| has a peak at `peak_hz`, above the measured responses.
-    `band_hz`: a band with which the responses show it."""
-
-    def __init__(self, text: str, peak_hz: float, band_hz: tuple[float, float]) -> None:
-        super().__init__("verify", text)
-        self.peak_hz, self.band_hz = peak_hz, band_hz
 
 
 def _expect_predicted(
@@ -727,7 +718,11 @@ def _expect_predicted(
         f": a mode that the model lacks, above the responses, which end at {high:.3g} Hz; give "
         f"`band_hz` {low:.3g}:{most_hz:.3g}, so that they show it"
     )
-    raise HighMode(text, about.Ms_hz, (low, most_hz))
+    why = (
+        f"|S| has a peak at {about.Ms_hz:.3g} Hz, above the responses, which end at {high:.3g} Hz: "
+        f"they are measured again to {most_hz:.3g} Hz"
+    )
+    raise MeasureAgain("verify", text, why, band_hz=(low, most_hz))
 
 
 def _bound_of_peak(about: VerifiedResponse) -> float:
@@ -1028,28 +1023,28 @@ class Tuning(TuningFolder):
         return self.summary()
 
     def _run_steps(self, only: str | None) -> None:
-        """Runs one step or all. If a mode above the responses shows in the step `verify`, the
-        responses are measured again with a wider band, once."""
-        left, widened = list((only,) if only else STEPS), bool(only)
+        """Runs one step or all. If a step needs other responses, they are measured again, once for
+        each step."""
+        left, before = list((only,) if only else STEPS), set[str]()
         while left:
             self.step = left.pop(0)
             try:
                 self._do(STEP_TABLE[self.step], bool(only))
-            except HighMode as mode:
-                if widened:
+            except MeasureAgain as refusal:
+                if only or refusal.name in before:
                     raise
-                widened, left = True, list(STEPS[STEPS.index(MEASURE.name) :])
-                self._widen(mode)
+                before.add(refusal.name)
+                left = list(STEPS[STEPS.index(MEASURE.name) :])
+                self._measure_again(refusal)
 
-    def _widen(self, mode: HighMode) -> None:
-        checked = CHECK.file.required(self.folder)
-        self.say(
-            f"|S| has a peak at {mode.peak_hz:.3g} Hz, above the responses, which end at "
-            f"{checked.result.band_hz[1]:.3g} Hz: they are measured again to "
-            f"{mode.band_hz[1]:.3g} Hz"
-        )
-        wider = replace(checked.result, band_hz=mode.band_hz)
-        CHECK.file.write(self.folder, replace(checked, result=wider))
+    def _measure_again(self, refusal: MeasureAgain) -> None:
+        self.say(refusal.why)
+        held = CHECK.file.required(self.folder)
+        checked = replace(
+            held.result, band_hz=refusal.band_hz or held.result.band_hz,
+            averages=refusal.averages or held.result.averages,
+        )  # fmt: skip
+        CHECK.file.write(self.folder, replace(held, result=checked))
         self._file(MEASURE.name).unlink(missing_ok=True)
 
     def _told(self, refusal: Refusal) -> Refusal:

@@ -21,7 +21,7 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.known import Prior
-from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.refusal import MeasureAgain, Refusal
 from forceaxis.commission.tune_folder import (
     COMPLETED_MODELS,
     FITTED_MODEL,
@@ -97,6 +97,9 @@ CREEP_MIN_S = 0.15
 # Least compliance of a workpiece that relaxes, divided by that of the axis.
 RELAXING_COMPLIANCE_MIN = 0.05
 CAUSES_MAX = 3  # largest number of causes that are added to a model one after another
+# If a response is known too little, so many averages are taken as the error asks for, times a
+# margin, but at most so many times those of the request.
+AVERAGES_MARGIN, AVERAGES_FACTOR_MAX = 1.3, 16.0
 EXPLAINED = ("chi2", "prior")  # rejections of a fit for which causes are searched
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
@@ -369,12 +372,25 @@ def _explained(
 ) -> Refusal:
     """Returns the reason for the rejection of a fit with its cause. `lacks`: TOML text of parts
     that were added to the model before."""
+    if found.rejected == "coherence" and (again := _averages(tuning, found.limiting_error)):
+        why = (
+            f"{found.text}: they are measured again with {again} averages in place of "
+            f"{tuning.order.averages}"
+        )
+        return MeasureAgain("coherence", found.text, why, averages=again)
     if found.rejected not in EXPLAINED:
         return Refusal(str(found.rejected), found.text, *proposed(tuning, [], lacks))
     cause = missing_parts.leader(tried)
     remedy = f"; {found.remedy}" if found.remedy and not cause else ""
     text = f"{found.text}; {missing_parts.text_of(tried)}{remedy}"
     return Refusal(str(found.rejected), text, *proposed(tuning, tried, lacks))
+
+
+def _averages(tuning: TuningFolder, error: float) -> int:
+    """Returns the number of averages with which the relative standard error of a response at the
+    limiting mode falls to what is permitted, or 0 if that takes too many."""
+    factor = AVERAGES_MARGIN * (error / joint_fit.LIMITING_MODE_ERROR_MAX) ** 2
+    return math.ceil(factor * tuning.order.averages) if factor <= AVERAGES_FACTOR_MAX else 0
 
 
 def proposed(tuning: TuningFolder, tried: list[missing_parts.Tried], lacks: str) -> tuple[str, str]:

@@ -155,12 +155,13 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
 def _measured(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
     levels: dict[str, PressedResponse] = {}
     first = 1
-    order = replace(tuning.order, band_hz=checked.band_hz)
+    averages = checked.averages or tuning.order.averages
+    order = replace(tuning.order, band_hz=checked.band_hz, averages=averages)
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= force_objects(tuning)
     order_of = functools.partial(
         measuring_order, tuning, touch_N=first_contact_N(tuning, checked),
-        settle_s=settling_s(checked.law.bank),
+        settle_s=settling_s(checked.law.bank), fewest=checked.averages,
     )  # fmt: skip
     between, law = _between(tuning, law, order_of(order, rubs=free.glide.rubs), order)
     order = with_measured_way(tuning, order, between.way)
@@ -186,7 +187,7 @@ def _measured(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Mea
         small = max(1, figures.amplitude // AMPLITUDE_RATIO)
         smaller = None
         while smaller is None and small < figures.amplitude:
-            asked = order_of(order, amplitude=small, rubs=True)
+            asked = replace(order_of(order, rubs=True), amplitude=small)
             with contextlib.suppress(FewChanges):
                 _, smaller = take_response(tuning, small_of(name), law, asked, Analyzer, take)
             small += 1
@@ -321,19 +322,20 @@ def force_objects(tuning: TuningFolder) -> Settings:
 
 
 def measuring_order(
-    tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
+    tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1,
     rubs: bool = False, touch_N: float = 0.0, settle_s: float = MeasuringOrder.settle_s,
+    fewest: int = 0,
 ) -> MeasuringOrder:  # fmt: skip
     """Returns the request for a measurement with an Analyzer. `order`: request for a tuning, by
-    default that of `tuning`. `first`, `amplitude`, `rubs`, `touch_N`, `settle_s`: values of these
-    fields of MeasuringOrder."""
+    default that of `tuning`. `first`, `rubs`, `touch_N`, `settle_s`, `fewest`: values
+    of these fields of MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     counts_per_mm = 1e-3 * abs(linear.facts(model).required_encoder.scale)
     gap = machine_bounds.gap_counts(tuning.model)
     return MeasuringOrder(
         band_hz=order.band_hz, resolution_hz=resolution_of(order.band_hz),
-        averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
-        force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
+        averages=order.averages, fewest=fewest or min(AVERAGES_MIN, order.averages),
+        force_max_N=order.force_max_N, rubs=rubs,
         touch_N=touch_N, touch_most_N=max(order.forces),
         travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
         squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),

@@ -34,7 +34,8 @@ class Checked:
 
     `law`: objects of the force law with which the responses are measured. `band_hz`: lowest and
     highest frequency of the responses. `before`: the previous force law of the axis.
-    `latency_ticks`: latency in ticks with which the axis outputs a DAC code.
+    `latency_ticks`: latency in ticks with which the axis outputs a DAC code. `averages`: number of
+    realisations of each response in contact; 0: that of the request, or fewer if they suffice.
     """
 
     rest: Rest
@@ -43,6 +44,7 @@ class Checked:
     band_hz: Range
     before: BankKeys
     latency_ticks: int
+    averages: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
