@@ -16,6 +16,7 @@ import verbs
 from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
 from forceaxis.cli.response_text import describe_response
@@ -667,6 +668,26 @@ def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
     count_N = abs(reading.per_count) * 2 ** (reading.bits - 8)
     pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / count_N
     assert 0 < found.left_N * (1 + pulls) / newton < 1.05
+
+
+@pytest.mark.parametrize("beside", [0, 11, -11])
+def test_a_motion_that_friction_lets_begin_beside_its_start_has_a_speed(beside):
+    """It stood 11 counts beside, within the window of the move: the speed was that of the first
+    samples, "too fast", and the travel to give smaller than that of the request."""
+    travel, begin = 1000, -round(friction.TRAVEL_SHARE * 1000)
+    place = begin - beside + 1.5 * np.arange(friction.GLIDE_S * TICKS_PER_S)
+    held = SimpleNamespace(floats=lambda name: place if name == "position" else place * 0)
+    still = SimpleNamespace(position=begin, contact=0)
+    axis = SimpleNamespace(
+        enable=lambda mode: None, arm=lambda *_: None, set=lambda **_: None,
+        record=lambda kind: still, link=SimpleNamespace(recording=lambda timeout_s: held),
+    )  # fmt: skip
+    work = SimpleNamespace(
+        axis=axis, home=0, bus=(1, 0, 0), go=lambda *_, **__: still, wait=lambda *_: None,
+        set=lambda **_: None, expect_apart=lambda held: None, window=lambda: 50,
+    )  # fmt: skip
+    found = friction._motion(work, 3, travel, known.KnownDrive(10.0))
+    assert found.speed == pytest.approx(1.5 * TICKS_PER_S)
 
 
 @pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
