@@ -271,6 +271,16 @@ class Weight:
         """Returns the DAC code that holds the weight. A drive with an integral needs none."""
         return -self.newton / self.newton_per_code
 
+    def driven_fall_m(self, share: float, m_per_s_per_code: float) -> float:
+        """Returns the way in m until the brake holds, while the output leaves `share` of the weight
+        and the damping of drive and guide acts. `m_per_s_per_code`: steady speed out of contact."""
+        way = share * self.fall_m
+        final = share * abs(self.codes) * m_per_s_per_code
+        if not way or not final:
+            return way
+        time_s = final * self.engage_s**2 / (2 * way)  # time constant of mass and damping
+        return final * (self.engage_s + time_s * math.expm1(-self.engage_s / time_s))
+
 
 def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weight:
     """Returns the weight of the axis of a model: the sum of all [[gravity]] elements, a
