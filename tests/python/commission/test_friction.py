@@ -35,7 +35,7 @@ from forceaxis.commission import (
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MOST_CODES, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
-from forceaxis.design import model_file, outcome
+from forceaxis.design import data_sheet, model_file, new, outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
 from forceaxis.objects import BY_NAME
@@ -942,3 +942,34 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         with pytest.raises(Refusal, match="give a force of 60") as refused:
             work.run("fit")
     assert refused.value.name == "play"
+
+
+@pytest.fixture(scope="module")
+def voice_coil(tmp_path_factory):
+    """A level axis on a current loop, whose guide takes 2 N."""
+    given = dict(
+        drive="torque", motor="linear", force_constant_n_per_a=22, motor_peak_current_a=6,
+        moving_mass_kg=1.6, guide_damping_n_s_per_m=6, guide_coulomb_n=2, current_loop_hz=800,
+        sensor_full_scale_n=150, sensor_stiffness_n_per_m=5e5, sensor_noise_n=0.05,
+        encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4, workpiece_mass_kg=0.2,
+        approach_mm=10,
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("coil") / "coil"
+    new.write(folder, *data_sheet.collect({key: str(value) for key, value in given.items()}))
+    return folder
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.4])
+@pytest.mark.parametrize("travel", [900, 3000])
+def test_a_motion_apart_may_begin_beside_its_place(voice_coil, gain, travel):
+    """Dry friction stops a proportional position law 80 or 300 counts beside the begin."""
+    place = SimLink(voice_coil / "contact.toml", [f"firmware.position_gain={gain}"])
+    newton = known.newton_per_code(voice_coil / "model.toml")
+    with Axis(place) as axis:
+        axis.acquire()
+        axis.set(first_motion_test="off", position_window=2000)
+        order = MeasuringOrder(force_max_N=100.0, travel=travel)
+        with Analyzer(axis, order, voice_coil / "model.toml") as analyzer:
+            analyzer.rest()
+            found = friction.glide(analyzer, 256)
+    assert found.dead_zone * newton == pytest.approx(2, rel=0.25)
