@@ -173,6 +173,7 @@ def tune(
         )
         try:
             steps.run(only)
+            live_options.warn_of_power_up(axis)
         finally:
             summary = steps.summary()
             page.write(steps, summary)
