@@ -607,8 +607,9 @@ class MotionCheck:
         if error or abs(codes - used) > HELD_TOLERANCE * abs(used):
             found = f"the axis has {error}" if error else f"{codes:.4g} codes hold the axis"
             return self._done("first motion", "failed", f"with output_bias {used:g} codes {found}: "
-                              "check the sign of output_bias, moving mass and inclination, then "
-                              "the directions of encoder and amplifier", used, codes)  # fmt: skip
+                              "check the sign of output_bias, moving mass, inclination and "
+                              "counterbalance, then the directions of encoder and amplifier",
+                              used, codes)  # fmt: skip
         self._change_bias(self._rounded(codes))
         return True
 
