@@ -973,3 +973,27 @@ def test_a_motion_apart_may_begin_beside_its_place(voice_coil, gain, travel):
             analyzer.rest()
             found = friction.glide(analyzer, 256)
     assert found.dead_zone * newton == pytest.approx(2, rel=0.25)
+
+
+def test_a_force_that_friction_moves_to_and_fro_says_so(tmp_path):
+    """A stepper with a slow sensor, whose guide takes half of the smallest force that the search
+    presses with: the integral action of the law does not come to rest."""
+    given = dict(
+        drive="stepper", holding_torque_n_m=0.9, rotor_inertia_kg_m2=2.8e-5, lead_mm_per_rev="none",
+        pulley_radius_mm=2.0, efficiency=0.85, transmission_stiffness_n_per_m=1.8e5,
+        backlash_mm=0.04, moving_mass_kg=2.4, guide_coulomb_n=3, full_scale_speed_m_per_s=0.03,
+        sensor_full_scale_n=50, sensor_stiffness_n_per_m=2.5e5, sensor_bits=12, sensor_rate_hz=100,
+        sensor_noise_n=0.02, workpiece_stiffness_n_per_m=6e5, workpiece_mass_kg=1.5, approach_mm=4,
+    )  # fmt: skip
+    folder = tmp_path / "slide"
+    new.write(folder, *data_sheet.collect({key: str(value) for key, value in given.items()}))
+    done = verbs.forceaxis(
+        "tune", "--on", f"sim:{folder / 'contact.toml'}", "--model", folder / "model.toml",
+        "--force", "10,25", "--force-max", "45", "--over", "k_w=30%", "--out", tmp_path / "out",
+    )  # fmt: skip
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and line.startswith("forceaxis: contact: "), done.stderr
+    said = r"with a set-point of (\S+) N the force was at last (\S+) to (\S+) N"
+    target, low, high = map(float, re.search(said, line).groups())
+    assert low < target < high and high - low > 0.05 * target
+    assert "reduce the friction" in line and "larger --force" in line

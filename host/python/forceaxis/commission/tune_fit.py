@@ -1,6 +1,7 @@
 """The step `fit` of a tuning. It fits the parameters of the model and the dry friction."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -86,6 +87,8 @@ DAMPING_DEVIATIONS = 1.0
 DOUBTED_SPREADS = 1.5
 # The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
+# Ratio of the ends of an interval above which the responses do not tell the value of a parameter.
+UNTOLD_RATIO = 9.0
 # Two responses differ if the probability of the difference from noise alone is below this value.
 DIFFERENCE_PROBABILITY = 1e-4
 
@@ -153,6 +156,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
         found.values = found.best | found.plants.together[0]
     parameters, intervals = linear.facts(found.model).parameters, found.intervals
     rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
+    for line in untold(rows, tuple(plant_set.ranges_of(found.model, tuning.order.over))):
+        tuning.say(line)
     return Fitted(
         **vars(found.summary()), parameters=rows, friction=frictions,
         lines=_model_lines(tuning, frictions, lacks),
@@ -327,6 +332,18 @@ def _with_hidden_friction(
     newton = guess_N * math.exp(float(np.median(sizes)))
     done = _attempt(tuning, free, measured, newton, SLIDING_SPREAD)
     return None if done.found.rejected else done
+
+
+def untold(rows: Mapping[str, ParameterRow], named: Collection[str]) -> list[str]:
+    """Returns a text line for each of the parameters `named` whose value the responses hardly tell.
+    The law is designed for its whole interval, so it is slower than it could be."""
+    return [
+        f"the responses tell {name} only as {plain(low, 4)} to {plain(high, 4)} {rows[name].unit}, "
+        "and the law is as slow as all of that needs: measure with larger `forces` or more "
+        f"`averages`, or give `priors` {name}=VALUE+-PERCENT%"
+        for name, (low, high) in ((name, rows[name].interval) for name in named if name in rows)
+        if high > UNTOLD_RATIO * low
+    ]
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
