@@ -3,6 +3,7 @@ buses, tests/python/axis/test_axis_links.py what carries it."""
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -96,6 +97,41 @@ def test_set_reads_back_what_the_axis_has():
     done = forceaxis("axis", "set", *SIM, "force_gain=6.999", "force_setpoint=75 N", "--json")
     # 1/256 is the least step; 2.5 N a count.
     assert json.loads(said(done)) == {"force_gain": 1792 / 256, "force_setpoint": 30.0}
+
+
+def test_what_a_simulated_axis_forgets_is_warned_of(tmp_path):
+    """Each command powers it up. [firmware] of its experiment is applied after the store."""
+    on = ["--on", f"sim:{CONTACT}@{tmp_path / 'axis.store'}"]
+    done = forceaxis("axis", "set", *on, "force_gain=7", "contact_force=3")
+    assert said(done) and done.stderr.count("\n") == 1
+    options = re.findall(r"--set firmware\.\w+=\S+", done.stderr)
+    given = " ".join(options).split()
+    wanted = {"force_gain": 7, "contact_force": 3}
+
+    def has(*more):
+        done = forceaxis("axis", "get", *on, *more, *wanted, "--json")
+        assert done.stderr == ""
+        return json.loads(said(done))
+
+    before = has()
+    assert before["force_gain"] == 5 and before["contact_force"] != 3
+    assert has(*given) == wanted
+    stored = forceaxis("axis", "params", "store", *on, *given)
+    assert said(stored) and stored.stderr == "", "[firmware] and --set agree with the axis"
+    assert has() == {"force_gain": 5, "contact_force": 3}
+
+
+def test_a_stored_value_that_firmware_sets_again_is_warned_of(tmp_path, capsys):
+    with Axis(SimLink(CONTACT, GAINS, tmp_path / "axis.store")) as axis:
+        axis.acquire()
+        live_options.warn_of_power_up(axis)
+        assert capsys.readouterr().err == ""
+        axis.set(force_gain=7, position_gain=2, contact_force=3)
+        live_options.warn_of_power_up(axis)
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "sets force_gain = 5, position_gain = 4 again" in line
+    assert "--set firmware.force_gain=7" in line and "contact_force" not in line
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.commission import known
-from forceaxis.commission.check import MotionCheck
+from forceaxis.commission.check import MotionCheck, Move, MoveObjects
 from forceaxis.design import data_sheet, new
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -457,3 +457,47 @@ def test_the_tare_waits_for_a_motor_that_swings_within_the_backlash_of_its_gear(
     assert run.passed, run.steps
     assert [step.verdict for step in run.steps if step.step == "tare"] == ["passed"]
     assert axis.read("tare_state") == "done"
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    """Folder of a vertical axis on a current loop, whose guide takes more than the position law
+    pushes with at 20 encoder counts."""
+    folder = tmp_path_factory.mktemp("rubbing") / "lift"
+    sheet = dict(SHEETS["head"], guide_coulomb_n=2)
+    new.write(folder, *data_sheet.collect({key: str(value) for key, value in sheet.items()}))
+    return folder
+
+
+@pytest.mark.parametrize("weighs", [True, False])
+def test_dry_friction_that_holds_a_sound_axis_beside_its_targets_is_no_fault(rubbing, weighs):
+    """The law is proportional: it pushes with less than the friction near the target. The text says
+    how large the friction is; the weight is learned, of which friction is no part."""
+    level = [] if weighs else ["g_axis=0", "firmware.output_bias=0"]
+    axis = Axis(SimLink(rubbing / "contact.toml", level))
+    axis.acquire()
+    sheet = known.weight(rubbing / "model.toml")
+    run = MotionCheck(axis, weight=sheet if weighs else None)
+    run.run(lambda text: True)
+    assert run.passed, run.steps
+    found = {step.step: step for step in run.steps}
+    assert found["move"].verdict == "noted" and abs(found["move"].value) > 20
+    codes = float(re.search(r"dry friction of (\S+) codes", found["move"].text)[1])
+    assert codes * sheet.newton_per_code == pytest.approx(2, rel=0.1)
+    enough = float(re.search(r"; (\S+) would bring it within 20 counts", found["move"].text)[1])
+    assert enough == pytest.approx(codes / 20, rel=0.05)
+    if weighs:
+        assert axis.read("output_bias") == pytest.approx(sheet.codes, abs=2)
+
+
+@pytest.mark.parametrize(("errors", "limit", "codes"), [
+    ((175, -175), "none", 21), ((-175, 160), "none", 21),
+    ((400,), "none", 0),  # blocked from the start
+    ((200, 0), "none", 0),  # blocked half-way
+    ((60, 55), "none", 0),  # a weight or an offset
+    ((175, -60), "none", 0),
+    ((175, -175), "output_limit", 0),
+])  # fmt: skip
+def test_only_equal_errors_at_both_ends_are_friction(errors, limit, codes):
+    last = MoveObjects(0, 0, 0.0, "none", limit)
+    assert Move(errors, (-140.0, -98.0), 140, last).friction == codes

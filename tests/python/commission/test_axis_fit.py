@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from forceaxis import linear
 from forceaxis._core import InputError
-from forceaxis.commission import joint_fit, known
+from forceaxis.commission import joint_fit, known, tune_fit, tune_results
 from forceaxis.design import data_sheet, new
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import loops
@@ -285,3 +285,17 @@ def test_the_amplitude_leaves_the_voltage_within_the_supply(model):
         known.linear_codes(model) / 2, abs=1
     )
     assert known.linear_codes("fig4_19") == np.inf
+
+
+@pytest.mark.parametrize(("interval", "told"), [((2e5, 4e5), True), ((7.6e3, 3.5e7), False)])
+def test_a_parameter_that_the_responses_hardly_tell_is_named_with_a_way_on(interval, told):
+    """The law of its whole interval was verified and stored with 0.02 Hz, and nothing said why."""
+    rows = {
+        "k_w": tune_results.ParameterRow(3e5, interval, "N/m"),
+        "b_w": tune_results.ParameterRow(3.0, (1e-3, 1e3), "N s/m"),
+    }
+    said = tune_fit.untold(rows, ["k_w", "absent"])
+    assert len(said) == (0 if told else 1)
+    for line in said:
+        assert "k_w only as 7600 to 3.5e+07 N/m" in line, line
+        assert "`priors` k_w=VALUE+-PERCENT%" in line and "`averages`" in line

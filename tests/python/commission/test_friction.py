@@ -16,7 +16,6 @@ import verbs
 from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
 from forceaxis.cli.response_text import describe_response
@@ -36,7 +35,7 @@ from forceaxis.commission import (
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MOST_CODES, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
-from forceaxis.design import model_file, outcome
+from forceaxis.design import data_sheet, model_file, new, outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
 from forceaxis.objects import BY_NAME
@@ -670,26 +669,6 @@ def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
     assert 0 < found.left_N * (1 + pulls) / newton < 1.05
 
 
-@pytest.mark.parametrize("beside", [0, 11, -11])
-def test_a_motion_that_friction_lets_begin_beside_its_start_has_a_speed(beside):
-    """It stood 11 counts beside, within the window of the move: the speed was that of the first
-    samples, "too fast", and the travel to give smaller than that of the request."""
-    travel, begin = 1000, -round(friction.TRAVEL_SHARE * 1000)
-    place = begin - beside + 1.5 * np.arange(friction.GLIDE_S * TICKS_PER_S)
-    held = SimpleNamespace(floats=lambda name: place if name == "position" else place * 0)
-    still = SimpleNamespace(position=begin, contact=0)
-    axis = SimpleNamespace(
-        enable=lambda mode: None, arm=lambda *_: None, set=lambda **_: None,
-        record=lambda kind: still, link=SimpleNamespace(recording=lambda timeout_s: held),
-    )  # fmt: skip
-    work = SimpleNamespace(
-        axis=axis, home=0, bus=(1, 0, 0), go=lambda *_, **__: still, wait=lambda *_: None,
-        set=lambda **_: None, expect_apart=lambda held: None, window=lambda: 50,
-    )  # fmt: skip
-    found = friction._motion(work, 3, travel, known.KnownDrive(10.0))
-    assert found.speed == pytest.approx(1.5 * TICKS_PER_S)
-
-
 @pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
 def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
     press, tmp_path, newton
@@ -963,3 +942,58 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         with pytest.raises(Refusal, match="give a force of 60") as refused:
             work.run("fit")
     assert refused.value.name == "play"
+
+
+@pytest.fixture(scope="module")
+def voice_coil(tmp_path_factory):
+    """A level axis on a current loop, whose guide takes 2 N."""
+    given = dict(
+        drive="torque", motor="linear", force_constant_n_per_a=22, motor_peak_current_a=6,
+        moving_mass_kg=1.6, guide_damping_n_s_per_m=6, guide_coulomb_n=2, current_loop_hz=800,
+        sensor_full_scale_n=150, sensor_stiffness_n_per_m=5e5, sensor_noise_n=0.05,
+        encoder_counts_per_mm=2000, workpiece_stiffness_n_per_m=1.5e4, workpiece_mass_kg=0.2,
+        approach_mm=10,
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("coil") / "coil"
+    new.write(folder, *data_sheet.collect({key: str(value) for key, value in given.items()}))
+    return folder
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.4])
+@pytest.mark.parametrize("travel", [900, 3000])
+def test_a_motion_apart_may_begin_beside_its_place(voice_coil, gain, travel):
+    """Dry friction stops a proportional position law 80 or 300 counts beside the begin."""
+    place = SimLink(voice_coil / "contact.toml", [f"firmware.position_gain={gain}"])
+    newton = known.newton_per_code(voice_coil / "model.toml")
+    with Axis(place) as axis:
+        axis.acquire()
+        axis.set(first_motion_test="off", position_window=2000)
+        order = MeasuringOrder(force_max_N=100.0, travel=travel)
+        with Analyzer(axis, order, voice_coil / "model.toml") as analyzer:
+            analyzer.rest()
+            found = friction.glide(analyzer, 256)
+    assert found.dead_zone * newton == pytest.approx(2, rel=0.25)
+
+
+def test_a_force_that_friction_moves_to_and_fro_says_so(tmp_path):
+    """A stepper with a slow sensor, whose guide takes half of the smallest force that the search
+    presses with: the integral action of the law does not come to rest."""
+    given = dict(
+        drive="stepper", holding_torque_n_m=0.9, rotor_inertia_kg_m2=2.8e-5, lead_mm_per_rev="none",
+        pulley_radius_mm=2.0, efficiency=0.85, transmission_stiffness_n_per_m=1.8e5,
+        backlash_mm=0.04, moving_mass_kg=2.4, guide_coulomb_n=3, full_scale_speed_m_per_s=0.03,
+        sensor_full_scale_n=50, sensor_stiffness_n_per_m=2.5e5, sensor_bits=12, sensor_rate_hz=100,
+        sensor_noise_n=0.02, workpiece_stiffness_n_per_m=6e5, workpiece_mass_kg=1.5, approach_mm=4,
+    )  # fmt: skip
+    folder = tmp_path / "slide"
+    new.write(folder, *data_sheet.collect({key: str(value) for key, value in given.items()}))
+    done = verbs.forceaxis(
+        "tune", "--on", f"sim:{folder / 'contact.toml'}", "--model", folder / "model.toml",
+        "--force", "10,25", "--force-max", "45", "--over", "k_w=30%", "--out", tmp_path / "out",
+    )  # fmt: skip
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and line.startswith("forceaxis: contact: "), done.stderr
+    said = r"with a set-point of (\S+) N the force was at last (\S+) to (\S+) N"
+    target, low, high = map(float, re.search(said, line).groups())
+    assert low < target < high and high - low > 0.05 * target
+    assert "reduce the friction" in line and "larger --force" in line

@@ -169,3 +169,18 @@ def test_touch_downs_of_twenty_unchanged_and_ten_changed_machines(tmp_path):
                 assert math.isclose(one.change, factor, rel_tol=0.1), number
                 named.append(number)
     assert len(named) >= 9, named
+
+
+def test_responses_with_different_amplitudes_are_hinted_at(tmp_path):
+    """Dry friction makes a response depend on the amplitude, and --level is what fixes it."""
+    folders = [measured(tmp_path / name, seed) for name, seed in (("released", 1), ("today", 2))]
+    said = {}
+    for today in (100, 128):
+        for folder, amplitude in zip(folders, (128, today), strict=True):
+            file = folder / "result.json"
+            file.write_text(json.dumps(json.loads(file.read_text()) | {"amplitude": amplitude}))
+        done = forceaxis("axis", "health", MODEL, folders[1], "--released", folders[0])
+        said[today] = [line for line in done.stdout.splitlines() if line.startswith("hint")]
+    assert said[128] == []
+    (line,) = said[100]
+    assert "today 100 codes, at the release 128" in line and "--level" in line

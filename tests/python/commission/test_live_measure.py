@@ -15,6 +15,7 @@ from forceaxis.commission import as_found, measuring, response
 from forceaxis.commission.analyzer import Analyzer, MeasuringOrder, noise_of
 from forceaxis.commission.level import Abort
 from forceaxis.commission.refusal import Refusal
+from forceaxis.design import data_sheet, new
 from forceaxis.identify import fit, result
 from live_axes import NOISE_N, ONE_SLOPE
 
@@ -307,3 +308,35 @@ def test_a_refusal_is_status_1(axis_file):
     assert done.stderr.splitlines()[-1].startswith(
         "forceaxis: tare: expected a measured force within"
     )
+
+
+def test_without_its_model_a_drive_on_a_slow_bus_is_hinted_at(tmp_path):
+    """Its commands last 4 ms: without the model the excitation does not know that."""
+    given = dict(
+        drive="velocity", motor="linear", bus_cycle_ms=4, velocity_loop_hz=60,
+        full_scale_speed_m_per_s=0.25, force_constant_n_per_a=45, motor_peak_current_a=16,
+        moving_mass_kg=11, guide_coulomb_n=6, sensor_full_scale_n=500, sensor_bits=24,
+        sensor_stiffness_n_per_m=2e6, sensor_rate_hz=500, sensor_filter="sinc3",
+        sensor_noise_n=0.05, workpiece_stiffness_n_per_m=3e4, workpiece_mass_kg=0.4,
+        workpiece_damping_ratio=0.2,
+    )  # fmt: skip
+    sheet = {name: str(value) for name, value in given.items()}
+    new.write(tmp_path / "slow", *data_sheet.collect(sheet))
+    folder = tmp_path / "slow"
+    words = ("measure", "--on", f"sim:{folder / 'contact.toml'}", "--force", "80", "--force-max",
+             "300", "--travel", "3000", "--level", "128", "--json")  # fmt: skip
+    hints = {}
+    for model in ((), ("--model", folder / "model.toml")):
+        done = verbs.forceaxis(*words, *model)
+        assert done.returncode == 0, done.stderr
+        (found,) = json.loads(done.stdout).values()
+        hints[bool(model)] = [text for text in found["hints"] if "bus of a drive" in text]
+    assert len(hints[False]) == 1 and hints[True] == []
+
+
+def test_what_is_said_while_it_measures_names_the_options_of_the_command(axis_file):
+    """The slow change of the force needs more than 50 counts of travel in contact."""
+    done = verbs.forceaxis("measure", "--on", f"sim:{axis_file()}", "--set", "k_w=2e4", "--force",
+                           "75", "--force-max", "150", "--travel", "50")  # fmt: skip
+    assert "give --travel " in done.stderr, done.stderr
+    assert "`travel`" not in done.stderr

@@ -1289,6 +1289,11 @@ def test_the_verb_goes_on_and_prints_one_object(plants, designed):
     law = ("loop", "limit", "laboratory", "--law", designed / "design.json", "--json")
     gain = json.loads(verbs.forceaxis(*law).stdout)["at"]["firmware_gain"]
     assert gain == summary["bank"]["force_gain"]
+    # The next command powers the axis up without a store: it has no law, and nothing is left to do.
+    again = tuned(plants, designed)
+    assert again.returncode == 0, again.stderr
+    (last,) = [line for line in again.stderr.splitlines() if "store: done before" in line]
+    assert "the axis does not have this law now; --only store" in last
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,16 @@ def test_run_prints_the_part_and_draws_it(tmp_path):
     assert "cycle        Press-fit of a bearing: bad" in bad.stdout
 
 
+def test_a_run_that_starts_no_cycle_says_how_one_starts(tmp_path):
+    text = (ROOT / "sim/experiments/press_fit.toml").read_text()
+    text = text.split("[[at]]")[0].replace('"../', f'"{ROOT}/sim/')
+    (tmp_path / "part.toml").write_text(text)
+    (line, *_) = cycle("run", tmp_path / "part.toml").stdout.splitlines()
+    assert "no cycle was started" in line
+    for word in ("modes_of_operation = -9", "[[at]]", "6, 7, 15 and then 31"):
+        assert word in line
+
+
 def test_the_json_of_run_has_the_same():
     table = json.loads(cycle("run", "press_fit", "--json").stdout)
     assert table["state"] == "good" and table["program"] == "sim/cycles/press_fit.toml"

@@ -227,6 +227,20 @@ def test_a_move_that_ends_beside_its_target_is_not_stable(tmp_path):
     assert float(why.split()[2]) == pytest.approx(counts / 2000, abs=0.002)
 
 
+@pytest.mark.parametrize("coulomb_N", [2, 5])
+def test_a_move_may_stop_where_the_drive_pushes_no_harder_than_the_friction(tmp_path, coulomb_N):
+    """Of a drive that takes a current: the friction that the data sheet states is no finding."""
+    written(tmp_path, **HEAD, guide_coulomb_n=coulomb_N)
+    done = ran(tmp_path, "step.toml")
+    assert done["verdict"] == "stable", done["because"]
+    assert abs(done["metrics"]["position_error_count"]) >= 10
+    text = (tmp_path / "mine/step.toml").read_text()
+    gain = tomllib.loads(text)["firmware"]["position_gain"]
+    most = tomllib.loads(text)["verdict"]["position_error_max_count"]
+    assert most == pytest.approx(10 + coulomb_N / (22 * 6 / 2048) / gain, abs=1)
+    assert ran(tmp_path, "step.toml", "firmware.output_bias=0")["verdict"] == "not_met"
+
+
 @pytest.mark.parametrize("drive", ["velocity", "stepper"])
 def test_a_drive_that_holds_the_weight_by_itself_has_no_bias(tmp_path, drive):
     said = written(tmp_path, drive=drive, inclination_deg=-90)

@@ -259,8 +259,9 @@ class Drive(AxisValues):
             raise Refused(
                 f"{self.link.where}: expected the axis within position_window "
                 f"({self.number('position_window'):g}) of its target {target:g}, but it stands "
-                f"{beside:g} beside it: a position_gain that is too small for the friction, an "
-                "obstacle, or a weight that output_bias does not hold (axis check)"
+                f"{beside:g} beside it: a position_gain that is too small for the friction (raise "
+                "it, or position_window), an obstacle, or a weight that output_bias does not hold "
+                "(axis check)"
             )
         return reached
 

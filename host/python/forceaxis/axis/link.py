@@ -133,6 +133,12 @@ class Link(abc.ABC):
         data."""
         return False
 
+    def set_at_power_up(self) -> dict[str, float]:
+        """Returns the parameters that get another value than their present one at the next
+        power-up, whatever the axis has stored: {name: engineering value that they get}. Only a
+        simulated axis has such parameters."""
+        return {}
+
     def text(self, index: int) -> str | None:
         """Returns the text that the axis has at a CANopen index, such as the device name (1008h) or
         the firmware version (100Ah). Returns None if the connection transmits no texts."""

@@ -20,6 +20,7 @@ from forceaxis.axis.link import (
     reason,
     unsigned,
 )
+from forceaxis.axis.parameter_file import engineering
 from forceaxis.objects import BY_NAME
 
 if TYPE_CHECKING:
@@ -52,7 +53,9 @@ class SimLink(RecorderLink):
         self._owned = False
         # in this tick, the firmware reads the sensors of the plant for the first time
         self.axis.step(1)
-        converters = _core.inputs(str(experiment), list(overrides))["converters"]
+        inputs = _core.inputs(str(experiment), list(overrides))
+        converters = inputs["converters"]
+        self._given = inputs["firmware"]
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
@@ -80,6 +83,18 @@ class SimLink(RecorderLink):
             except KeyError as error:
                 raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
         return found
+
+    def set_at_power_up(self) -> dict[str, float]:
+        known = {name: BY_NAME[name] for name in self._given if BY_NAME[name].stored}
+        now = {
+            o.name: engineering(o, raw)
+            for o, raw in zip(known.values(), self.read(known).values(), strict=True)
+        }
+        return {
+            name: self._given[name]
+            for name, o in known.items()
+            if abs(now[name] - self._given[name]) > abs(o.scale) / 2
+        }
 
     def text(self, index: int) -> str | None:
         return {0x1008: "simulator", 0x100A: _core.FIRMWARE_VERSION}.get(index)

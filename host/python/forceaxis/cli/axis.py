@@ -254,6 +254,7 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
         print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
+        live_options.warn_of_forgotten(axis, connection, back)
 
 
 @axis.command(

@@ -9,7 +9,7 @@ import click
 from forceaxis import paths
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import Subject, as_json, fitted, print_json
-from forceaxis.cli.live_options import AxisConnection, live, owned
+from forceaxis.cli.live_options import AxisConnection, live, owned, warn_of_power_up
 
 
 @axis.command(
@@ -69,6 +69,7 @@ def check(
     with owned(connection) as found:
         run = MotionCheck(found, travel, output, show, weight)
         run.run(consent)
+        warn_of_power_up(found)
     if as_json:
         print_json(run.result())
     sys.exit(0 if run.passed else 1)

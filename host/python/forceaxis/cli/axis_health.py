@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     "--level", type=click.FloatRange(1e-6, 0.5), default=0.05, show_default=True,
     help="Probability with which an unchanged machine is reported as changed.",
 )  # fmt: skip
-@set_option("Parameter of MODEL.")
+@set_option("Parameter of MODEL whose value is known: it is excluded as the cause.")
 @as_json
 def health(
     model: str,
@@ -56,9 +57,9 @@ def health(
 
     If the release has a posterior, TODAY is one or more recordings of first contacts (`forceaxis
     recording import`). If the release has a folder of `forceaxis measure`, TODAY is such a folder
-    that was measured with the same options. MODEL defines which parameters can have changed. A
-    change below 1 % counts as none. The exit status is 0 for a healthy axis and 1 for drift, so
-    cron and CI can use it.
+    that was measured with the same options, and with the same --level if the axis has dry friction.
+    MODEL defines which parameters can have changed. A change below 1 % counts as none. The exit
+    status is 0 for a healthy axis and 1 for drift, so cron and CI can use it.
     """
     from forceaxis import linear
     from forceaxis.commission import health as comparing
@@ -66,9 +67,24 @@ def health(
     order = comparing.HealthOrder(model, today, released, linear.overrides(overrides), level)
     found = comparing.health(order)
     done_waiting()
-    print_result(found, as_json, lambda: "\n".join(rows_of(found)))
+    levels = levels_text(today, released)
+    print_result(found, as_json, lambda: "\n".join([*rows_of(found), *levels]))
     if not found.healthy:
         sys.exit(1)
+
+
+def levels_text(today: Sequence[Path], released: Path) -> list[str]:
+    """Return a text line if two responses of an axis were measured with different amplitudes, or
+    nothing: dry friction makes a response depend on the amplitude."""
+    from forceaxis.identify import result
+
+    levels = [result.amplitude_of(folder) for folder in (*today, released)]
+    if len(levels) != 2 or None in levels or levels[0] == levels[1]:
+        return []
+    return [
+        f"hint         today {levels[0]:g} codes, at the release {levels[1]:g}: with dry friction "
+        "or backlash a response changes with the amplitude; measure both with the same --level"
+    ]
 
 
 def rows_of(found: Health) -> list[str]:
@@ -86,6 +102,7 @@ def rows_of(found: Health) -> list[str]:
     ]
     if found.alike:
         lines.append(f"or           {', '.join(found.alike)}: a change explains nearly as much")
+        lines.append("hint         --set NAME=VALUE excludes a parameter that you have measured")
     table = [("parameter", "change", "95 %", "p", "")]
     for name, one in found.parameters.items():
         low, high = one.interval

@@ -9,7 +9,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -376,6 +376,35 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
             f"`forceaxis axis calibrate {connection.options()}`",
             err=True,
         )
+
+
+def warn_of_power_up(axis: Axis) -> None:
+    """Print a warning if the axis loses values at its next power-up although they may be stored:
+    the table [firmware] of an experiment is applied after the store."""
+    lost = axis.link.set_at_power_up()
+    if not lost:
+        return
+    values = ", ".join(f"{name} = {value:g}" for name, value in lost.items())
+    options = " ".join(f"--set firmware.{name}={axis.number(name):g}" for name in lost)
+    click.echo(
+        f"forceaxis: warning: {axis.link.where}: each command powers it up, and [firmware] of its "
+        f"experiment then sets {values} again, also after `axis params store`; write the present "
+        f"values there, or give the next commands {options}",
+        err=True,
+    )
+
+
+def warn_of_forgotten(axis: Axis, connection: AxisConnection, values: Mapping[str, object]) -> None:
+    """Print a warning that a simulated axis forgets `values` at the end of the command, with the
+    options that give them to another command."""
+    if not connection.is_simulated or not values:
+        return
+    options = " ".join(f"--set firmware.{name}={value}" for name, value in values.items())
+    click.echo(
+        f"forceaxis: warning: {axis.link.where} is powered up by each command and forgets what "
+        f"this one has set; give the next commands {options}",
+        err=True,
+    )
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ from forceaxis.cli.common import (
     as_json,
     fitted,
     given,
+    options_in,
     print_json,
     print_result,
     show,
@@ -96,8 +97,10 @@ def measure_axis(
     own = [text for text in connection.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
 
+    command = click.get_current_context().command
+
     def say(text: str) -> None:
-        click.echo(fitted(text, 2), err=True)
+        click.echo(fitted(options_in(command, text), 2), err=True)
 
     with live_options.owned(connection) as axis:
         live_options.warn_of_newtons(axis, connection)
@@ -116,7 +119,8 @@ def measure_axis(
         if out:
             result.write(one, out / name)
         if not as_json:
-            rows = [("measurement", name), *describe_response(one.summary)]
+            described = describe_response(one.summary)
+            rows = [("measurement", name), *((k, options_in(command, v)) for k, v in described)]
             rows += [("files", paths.quoted(out / name))] if out else []
             show(rows)
     if as_json:

@@ -18,6 +18,7 @@ from forceaxis.cli.common import (
     fitted,
     given,
     mode_option,
+    options_in,
     print_json,
 )
 from forceaxis.cli.live_options import AxisConnection
@@ -167,12 +168,17 @@ def tune(
         averages=given(averages, TuningOrder.averages),
         travel_mm=travel_mm, squeeze_mm=squeeze_mm, approach_mm_per_s=approach_mm_per_s,
     )  # fmt: skip
+    command = click.get_current_context().command
     with live_options.owned(connection) as axis:
         steps = tuning.Tuning(
-            axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
+            axis,
+            order,
+            out,
+            lambda text: click.echo(fitted(options_in(command, text), 2), err=as_json),
         )
         try:
             steps.run(only)
+            live_options.warn_of_power_up(axis)
         finally:
             summary = steps.summary()
             page.write(steps, summary)

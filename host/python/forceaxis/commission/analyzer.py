@@ -93,6 +93,9 @@ FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder c
 FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling time in contact
 # Settling time while the amplitude is searched, divided by the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
+# A text about an unsettled force is about this number of last readings. Their swing, divided by the
+# set-point, counts as one from this value on.
+UNSETTLED_READINGS, UNSETTLED_SHARE = 10, 0.05
 # Averaging may end when the median of the relative error over the frequencies is below this value.
 ERROR_ENOUGH = 0.04
 WINDOW_SHARE = 0.1  # permitted error of a position, divided by the permitted travel
@@ -797,6 +800,7 @@ class Analyzer:
         while the integral action still changes the code. `timeout_s`: longest time in s in which
         the force comes no nearer to its set-point, however slow the loop is."""
         passed, before, code = 0.0, None, 0.0
+        forces_N: list[float] = []
         target_N = self.axis.number("target_force") * 1e-6 * self.objects.rated_force
         least_N = math.inf  # smallest distance from the set-point so far
         while passed < timeout_s:
@@ -805,7 +809,9 @@ class Analyzer:
             passed += 0.4
             state = self.axis.record(PressedObjects)
             _expect_enabled(state)
-            now = float(np.mean(held.values("force"))) * self.newton
+            measured_N = held.floats("force") * self.newton
+            now = float(np.mean(measured_N))
+            forces_N += [float(measured_N.min()), float(measured_N.max())]
             near = before is not None and abs(now - before) < 0.01 * abs(now) + 0.5 * self.newton
             codes = held.values("dac_fine")
             was, code = code, float(np.mean(codes))
@@ -819,7 +825,7 @@ class Analyzer:
         raise Refusal(
             "contact",
             f"expected a force that comes nearer to its set-point within {timeout_s:g} s, or that "
-            f"settles, got: {self.axis.about()}",
+            f"settles, got: {self.axis.about()}{_unsettled(forces_N, target_N)}",
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:
@@ -1007,6 +1013,20 @@ def _most_samples(signals: Sequence[str]) -> int:
 
 def _has_ended(state: ExcitationObjects) -> bool:
     return state.excitation_state == "done" or state.excitation_state.startswith("ended")
+
+
+def _unsettled(forces_N: list[float], target_N: float) -> str:
+    """Returns a text about a force that did not settle, and what to change. `forces_N`: smallest
+    and largest force in N of each reading, the last reading at the end."""
+    recent = forces_N[-2 * UNSETTLED_READINGS :]
+    low, high = min(recent), max(recent)
+    text = f"; with a set-point of {target_N:.4g} N the force was at last {low:.4g} to {high:.4g} N"
+    if high - low < UNSETTLED_SHARE * target_N:
+        return f"{text}, while the DAC code changed: something holds the axis, or its drive limits"
+    return (
+        f"{text}: with dry friction or backlash the integral action of a law moves it to and fro; "
+        "reduce the friction of guide and workpiece, or take larger `forces`"
+    )
 
 
 def _expect_enabled(state: EnabledObjects) -> None:

@@ -50,6 +50,9 @@ SETTLE_S = 1.3  # time in s from the end of a move to the read of the position e
 # speed in encoder counts per tick that disables the axis: at least four times the speed of a move
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
+# Largest sum of the position errors at both ends of a move that dry friction explains, divided by
+# the larger error.
+FRICTION_UNLIKE = 0.3
 RESTORE_TRIES = 4
 ENABLE_CHAIN = mask("digital_inputs", "enable")
 LIMIT_POS, LIMIT_NEG = (mask("digital_inputs", f"limit_{way}") for way in ("positive", "negative"))
@@ -193,6 +196,20 @@ class Move:
     def spread(self) -> float:
         """Returns half the difference of the outputs at standstill, at least SAME_CODES."""
         return max(SAME_CODES, (max(self.codes) - min(self.codes)) / 2)
+
+    @property
+    def friction(self) -> float:
+        """Returns the dry friction in DAC codes, if it alone explains the position errors, or 0.
+
+        With friction the axis stops on the near side of each target, equally far from both. An axis
+        that something blocks, or whose output is bounded, stops short of one of them.
+        """
+        if len(self.errors) < 2 or self.last.limit_reason != "none":
+            return 0.0
+        out, back = self.errors
+        if out * back >= 0 or abs(out + back) > FRICTION_UNLIKE * abs(self.error):
+            return 0.0
+        return self.spread
 
 
 @dataclass(frozen=True)
@@ -590,8 +607,9 @@ class MotionCheck:
         if error or abs(codes - used) > HELD_TOLERANCE * abs(used):
             found = f"the axis has {error}" if error else f"{codes:.4g} codes hold the axis"
             return self._done("first motion", "failed", f"with output_bias {used:g} codes {found}: "
-                              "check the sign of output_bias, moving mass and inclination, then "
-                              "the directions of encoder and amplifier", used, codes)  # fmt: skip
+                              "check the sign of output_bias, moving mass, inclination and "
+                              "counterbalance, then the directions of encoder and amplifier",
+                              used, codes)  # fmt: skip
         self._change_bias(self._rounded(codes))
         return True
 
@@ -618,11 +636,20 @@ class MotionCheck:
             moved = self._out_and_back()
         if moved is None:
             return
-        if self._evaluate("move", abs(moved.error) <= ARRIVED_CNT,
-                          f"{self.travel} encoder counts out and back, {moved.error} beside its "
-                          f"target, at most code {moved.largest}", moved.error, ARRIVED_CNT,
-                          f", {_words(moved.last.limit_reason)} limits it: it is blocked, or "
-                          "position_gain is too low"):  # fmt: skip
+        text = (
+            f"{self.travel} encoder counts out and back, {moved.error} beside its target, at most "
+            f"code {moved.largest}"
+        )
+        if abs(moved.error) > ARRIVED_CNT and moved.friction:
+            enough = moved.friction / ARRIVED_CNT
+            self._done("move", "noted", f"{text}: dry friction of {moved.friction:.3g} codes holds "
+                       f"it beside both targets with position_gain {self.known.position_gain:.3g}; "
+                       f"{enough:.2g} would bring it within {ARRIVED_CNT} counts, if the position "
+                       "loop is stable with it", moved.error, ARRIVED_CNT)  # fmt: skip
+            self._weigh(moved)
+        elif self._evaluate("move", abs(moved.error) <= ARRIVED_CNT, text, moved.error, ARRIVED_CNT,
+                            f", {_words(moved.last.limit_reason)} limits it: it is blocked, or "
+                            "position_gain is too low"):  # fmt: skip
             self._weigh(moved)
         else:
             self._skip("an earlier step failed", "weight")
@@ -687,8 +714,8 @@ class MotionCheck:
                 self._skip("an earlier step failed", "weight")
                 return None
             errors.append(now.position - target)
-            if abs(errors[-1]) > ARRIVED_CNT and not self.bias:
-                break
+            if abs(errors[-1]) >= self.travel:
+                break  # it has not moved
         return Move(tuple(errors), tuple(codes), largest, now)
 
     def _put_back(self, before: dict[str, int]) -> None:

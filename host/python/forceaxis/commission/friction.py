@@ -451,10 +451,9 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
     analyzer.set(open_loop_code=0)
     analyzer.expect_apart(held)
     place = held.floats("position")
-    # Where friction holds the axis, it begins beside its start position, by at most the window.
-    inside = np.abs(place - analyzer.home) < TRAVEL_SHARE * travel + max(
-        MOTION_MIN_CNT, analyzer.window() + 1
-    )
+    # Only the far end counts: dry friction may have stopped the axis beyond the begin.
+    ahead = math.copysign(1.0, code) * (place - analyzer.home)
+    inside = ahead < TRAVEL_SHARE * travel + MOTION_MIN_CNT
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
     if last - first < RECORD_MIN_S * TICKS_PER_S:

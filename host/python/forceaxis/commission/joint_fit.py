@@ -746,8 +746,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
                 found.rejected, found.limiting_error = "coherence", error
                 found.text = (
                     f"expected a response that is known to {100 * LIMITING_MODE_ERROR_MAX:g} % at "
-                    f"the limiting mode of {found.limiting_hz:.3g} Hz, got {100 * error:.2g} %: "
-                    "measure with a larger force, more averages or a wider band"
+                    f"the limiting mode of {found.limiting_hz:.3g} Hz, got {100 * error:.3g} %: "
+                    "measure with larger `forces`, more `averages` or a wider `band_hz`"
                 )
                 return
 

@@ -149,6 +149,11 @@ def hints(level: Level, rest: Rest) -> list[str]:
             f"coherence above {COHERENT:g} at {100 * coherent.mean():.2g} % of the frequencies: "
             "measure with a larger force, more averages or a narrower band"
         )
+        if not level.measured.model:
+            texts.append(
+                "without a model the measurement does not know the bus of a drive and the clock of "
+                "a converter, whose cycles reduce the coherence: give `model`"
+            )
     return texts
 
 

@@ -644,10 +644,15 @@ def write_line(tuning: TuningFolder, done: Written) -> str:
     return f"{done.objects} objects, certificate {done.certificate_state}"
 
 
+def _has_lost(tuning: TuningFolder, designed: Designed) -> bool:
+    """Returns True if the axis does not have the filter bank."""
+    names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
+    return any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items())
+
+
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
     """Writes the filter bank again if the axis has lost it because of a power cut or a reset."""
-    names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
-    if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
+    if _has_lost(tuning, designed):
         tuning.say("the axis has lost the bank; the bank is written again")
         write(tuning, designed)
 
@@ -1064,7 +1069,9 @@ class Tuning(TuningFolder):
         index = STEPS.index(step.name)
         place = f"{index + 1}/{len(STEPS)} {step.name}"
         if not again and step.done(self) is not None:
-            self.say(f"{place}: done before")
+            lost = step.name == STEPS[-1] and _has_lost(self, DESIGN.result(self))
+            again_by = ", but the axis does not have this law now; `only` store stores it again"
+            self.say(f"{place}: done before{again_by if lost else ''}")
             return
         # the results of later steps depend on the result that is replaced
         for later in STEPS[index:]:

@@ -1,6 +1,7 @@
 """The step `fit` of a tuning. It fits the parameters of the model and the dry friction."""
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -86,6 +87,8 @@ DAMPING_DEVIATIONS = 1.0
 DOUBTED_SPREADS = 1.5
 # The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
+# Ratio of the ends of an interval above which the responses do not tell the value of a parameter.
+UNTOLD_RATIO = 9.0
 # Two responses differ if the probability of the difference from noise alone is below this value.
 DIFFERENCE_PROBABILITY = 1e-4
 
@@ -156,6 +159,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
         found.values = found.best | found.plants.together[0]
     parameters, intervals = linear.facts(found.model).parameters, found.intervals
     rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
+    for line in untold(rows, tuple(plant_set.ranges_of(found.model, tuning.order.over))):
+        tuning.say(line)
     return Fitted(
         **vars(found.summary()), parameters=rows, friction=frictions,
         lines=_model_lines(tuning, frictions, lacks),
@@ -332,6 +337,18 @@ def _with_hidden_friction(
     return None if done.found.rejected else done
 
 
+def untold(rows: Mapping[str, ParameterRow], named: Collection[str]) -> list[str]:
+    """Returns a text line for each of the parameters `named` whose value the responses hardly tell.
+    The law is designed for its whole interval, so it is slower than it could be."""
+    return [
+        f"the responses tell {name} only as {plain(low, 4)} to {plain(high, 4)} {rows[name].unit}, "
+        "and the law is as slow as all of that needs: measure with larger `forces` or more "
+        f"`averages`, or give `priors` {name}=VALUE+-PERCENT%"
+        for name, (low, high) in ((name, rows[name].interval) for name in named if name in rows)
+        if high > UNTOLD_RATIO * low
+    ]
+
+
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
     """Returns the text about the result of the step `fit`. It states the parameters that vary in
     the design."""
@@ -374,8 +391,9 @@ def _explained(
     that were added to the model before."""
     if found.rejected == "coherence" and (again := _averages(tuning, found.limiting_error)):
         why = (
-            f"{found.text}: they are measured again with {again} averages in place of "
-            f"{tuning.order.averages}"
+            f"at the limiting mode of {found.limiting_hz:.3g} Hz, the responses are known to "
+            f"{100 * found.limiting_error:.3g} %: they are measured again with {again} averages in "
+            f"place of {tuning.order.averages}"
         )
         return MeasureAgain("coherence", found.text, why, averages=again)
     if found.rejected not in EXPLAINED:

@@ -675,9 +675,16 @@ def render(
             speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
             acceleration=within("profile_acceleration_max",
                                 first.acceleration_m_per_s2 * count * TICK_S**2),
-            ripple=max(10.0, math.ceil(2e-5 * count)),
+            ripple=max(10.0, math.ceil(2e-5 * count)), beside=beside_counts(first, v),
         )  # fmt: skip
     return _template(name).render(context)
+
+
+def beside_counts(first: First, v: SheetValues) -> int:
+    """Returns how many encoder counts beside its target the axis may stop because of dry friction:
+    the position law is proportional, and near the target it pushes with less than the friction."""
+    held_N = first.newton_per_code * first.position_gain  # for each encoder count
+    return math.ceil((v.guide_coulomb_n or 0.0) / held_N)
 
 
 @dataclass(frozen=True)

@@ -278,7 +278,8 @@ NOT_STARTED = {
     "halted": "the axis is halted; write a controlword without the halt bit",
 }
 CYCLE_STATES = {
-    "idle": "no cycle was started",
+    "idle": "no cycle was started; a cycle starts with modes_of_operation = -9 in [firmware], when "
+    "tables [[at]] have written the controlwords 6, 7, 15 and then 31",
     "running": "the cycle still runs at the end of the run",
     "evaluating": "the cycle has ended in the last tick of the run",
     **{state: f"no cycle was started: {why}" for state, why in NOT_STARTED.items()},

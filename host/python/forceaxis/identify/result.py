@@ -214,6 +214,17 @@ def figure(done: MeasurementResult[Summary]) -> Figure:
     return plots.response(done.measured, done.model, done.title)
 
 
+def amplitude_of(folder: Path) -> float | None:
+    """Returns the amplitude of the excitation in DAC codes with which a live axis was measured, or
+    None if `folder` has no such measurement."""
+    try:
+        summary = json.loads((folder / "result.json").read_text())
+    except (OSError, ValueError):
+        return None
+    amplitude = summary.get("amplitude") if isinstance(summary, dict) else None
+    return float(amplitude) if isinstance(amplitude, int | float) else None
+
+
 def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> None:
     """Writes response.csv, response.npz and result.json to the folder `out`. With `draw`, plot.png
     is also written."""
