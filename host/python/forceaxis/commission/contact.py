@@ -17,6 +17,7 @@ from forceaxis import _core, paths
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
+from forceaxis.commission import known
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MeasuringOrder, Samples
 from forceaxis.commission.refusal import Refusal
@@ -86,7 +87,7 @@ class FittedAxis:
         """Returns the simulation of contacts of a plant, with the firmware settings of the axis."""
         bench = simulation.ContactBench(
             plant, self.designed.adc_bits,
-            firmware=firmware_of(self.tuning, self.checked) | self._approach,
+            firmware=firmware_of(self.tuning, self.checked, self.fitted.values) | self._approach,
         )  # fmt: skip
         worst = self.designed.worst
         bench.wait_for(bank, worst.fS_Hz, worst.static_error)
@@ -95,12 +96,15 @@ class FittedAxis:
         return bench
 
 
-def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
-    """Returns the settings of the firmware for a simulation of the axis, as {object: engineering
-    value}."""
+def firmware_of(tuning: TuningFolder, checked: Checked, values: Values | None = None) -> Settings:
+    """Returns the settings of the firmware for a simulation of the axis with the fitted `values`,
+    as {object: engineering value}. The weight of the simulated axis is held as the axis holds its
+    own: the measured `output_bias` holds a weight that differs from that of the fit."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force", "output_bias")  # fmt: skip
     held |= checked.settings
+    if weight := known.weight(tuning.model, values).codes:
+        held["output_bias"] = round(weight)
     return {name: held[name] for name in simulation.KEPT if name in held}
 
 

@@ -443,7 +443,8 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
         hf_gain=_hf_gain(tuning, checked), ramp_min_s=simulation.RAMP_S,
         static_error_max=simulation.ERROR_MAX,
         may_slow=order.approach_mm_per_s is None and "approach_velocity_max" in checked.settings,
-        firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
+        firmware=contact.firmware_of(tuning, checked, fitted.values), states=tuning.states,
+        forces_N=order.forces,
     )  # fmt: skip
     found = _designed(tuning, fitted, asked)
     laws = {"before": checked.before.bank, "designed": found.bank}

@@ -83,10 +83,9 @@ KEPT = (
 # Factors by which the impulse of a simulated impact is multiplied in a series of impacts.
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
-FRICTION_SHARES = (
-    0.5,
-    1.0,
-)  # shares of the largest dry friction with which the approach is simulated
+# Shares of the largest dry friction against which the axis moves slowly after a contact loss, and
+# share against which it moves at approach speed if that does not suffice.
+FRICTION_SHARES, MOST_FRICTION_SHARE = (0.5, 1.0), 2.0
 # Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
 REPEATED_MAX = 6  # number of unstable contacts that are simulated first at the next gain
@@ -253,14 +252,24 @@ class ContactBench:
                 f"{contact.fault.replace('_old', '_age_max')} of the experiment, or use a sensor "
                 "or bus with shorter periods"
             )
-        if least_N < self.least_N():
-            weight_N, noise_N = self.design.weight_N, self.least_N() / NOISE_FACTOR
-            what = f"the weight of {weight_N:.3g} N along the axis"
-            if WEIGHT_FACTOR * weight_N < self.least_N():
-                what = f"the noise of {noise_N:.3g} N of the measured force"
+        noise_N = self._noise_count * self.count_N
+        weight_N = 0.0 if self._given.get("output_bias") else self.design.weight_N
+        for small_N, what in (
+            (WEIGHT_FACTOR * weight_N, f"the weight of {weight_N:.3g} N along the axis"),
+            (NOISE_FACTOR * noise_N, f"the noise of {noise_N:.3g} N of the measured force"),
+        ):
+            if least_N < small_N:
+                return (
+                    f"the smallest test force of {least_N:.3g} N is too small against {what}: give "
+                    "larger forces, or reduce it"
+                )
+        if self.is_held(contact, bank):
+            friction_N = max(one.most_N for one in self.frictions)
+            enough_N = least_N * self.press_speed_code(0.0) / self._push_codes(bank)
             return (
-                f"the smallest test force of {least_N:.3g} N is too small against {what}: give "
-                "larger forces, or reduce it"
+                f"dry friction of {friction_N:.3g} N holds the axis out of contact, where the law "
+                f"presses with its gain alone: give forces from {enough_N:.3g} N, or reduce the "
+                "friction"
             )
         if self.is_dead(contact, bank):
             dead_N = self.facts.dead_zone(bank.gain_at_rest())
@@ -287,6 +296,19 @@ class ContactBench:
         held = [m.bound for m in contact.missed if m.limit == "held_force_error_max_N"]
         dead_N = self.facts.dead_zone(bank.gain_at_rest())
         return len(held) == len(contact.missed) > 0 and min(held) < dead_N
+
+    def _push_codes(self, bank: Bank) -> float:
+        """Returns the DAC codes with which a filter bank presses at the smallest set-point before
+        it is in contact, where its integral does not act."""
+        return float(bank.gain_at_rest() * min(self.setpoints_N) / self.count_N)
+
+    def is_held(self, contact: SimulatedContact, bank: Bank) -> bool:
+        """Returns True if a contact that is lost again and again fails because friction holds the
+        axis out of contact. A smaller gain presses less."""
+        lost = any(missed.limit == "contact_losses" for missed in contact.missed)
+        return (
+            lost and bool(self.frictions) and (self._push_codes(bank) < self.press_speed_code(0.0))
+        )
 
     def _check_forces(self, counts: float) -> None:
         """Raises InputError for a requested force that the sensor cannot measure or that the drive
@@ -736,15 +758,18 @@ def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], .
     their simulation.
 
     Without friction, the defaults come first, and a motion towards the workpiece at approach speed
-    comes second. With friction, slower motions come first. The defaults (a cap of 0 DAC codes) then
-    come last, because friction may keep the axis at standstill.
+    comes second. With friction, slower motions come first, and one against twice the friction comes
+    after that at approach speed, because what an output_bias leaves of a weight adds to it. The
+    defaults (a cap of 0 DAC codes) then come last, because friction may keep the axis at
+    standstill.
     """
     on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
     slow = [
         {"contact_loss_cap": bench.press_speed_code(speed_m_per_s / 4, share)}
         for share in FRICTION_SHARES
     ]
-    return (*slow, on, {}) if bench.frictions else ({}, on)
+    most = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s, MOST_FRICTION_SHARE)}
+    return (*slow, on, most, {}) if bench.frictions else ({}, on)
 
 
 @dataclass(frozen=True)
@@ -868,9 +893,10 @@ def _unsettled(
 
 
 def _expect_live(bench: ContactBench, tried: Bank, bank: Bank, contact: SimulatedContact) -> None:
-    """Raises InputError if a contact fails because of the dead zone of a gain, which is larger at
-    each smaller gain. The other arguments are those of _unsettled()."""
-    if bench.is_dead(contact, tried):
+    """Raises InputError if a contact fails because of the dead zone of a gain, or because friction
+    holds the axis: both are worse at each smaller gain. The other arguments are those of
+    _unsettled()."""
+    if bench.is_dead(contact, tried) or bench.is_held(contact, tried):
         raise _unsettled(bench, tried, bank, contact)
 
 
