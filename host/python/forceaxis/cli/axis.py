@@ -469,8 +469,8 @@ def move(
 @click.option(
     "--retract",
     metavar="DISTANCE",
-    help='Move back by this distance after pressing, "5 mm" or encoder counts, not faster than '
-    "--speed. Default: the axis is disabled in contact.",
+    help='Release the force after pressing, then move back by this distance, "5 mm" or encoder '
+    "counts, not faster than --speed. Default: the axis is disabled in contact.",
 )
 @force_max
 @live_in_mm
