@@ -98,6 +98,19 @@ def test_set_reads_back_what_the_axis_has():
     assert json.loads(said(done)) == {"force_gain": 1792 / 256, "force_setpoint": 30.0}
 
 
+def test_set_says_that_a_simulated_axis_forgets(tmp_path):
+    """Each command is a power-up, and the values of [firmware] hold again, whatever is stored."""
+    on = ("--on", f"sim:{CONTACT}@{tmp_path / 'axis.store'}")
+    done = forceaxis("axis", "set", *on, "force_gain=6.5")
+    assert done.returncode == 0 and "forgets what was set" in done.stderr
+    assert "--set firmware.NAME=VALUE" in done.stderr
+    assert "6.5" not in said(forceaxis("axis", "get", *on, "force_gain"))
+    given = forceaxis("axis", "get", *on, "force_gain", "--set", "firmware.force_gain=6.5")
+    assert "6.5" in said(given)
+    # A command of the axis is no parameter.
+    assert "forgets" not in forceaxis("axis", "set", *on, "controlword=0").stderr
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

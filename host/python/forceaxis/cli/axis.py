@@ -246,11 +246,18 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
     A value may have a unit: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written if a name
     is unknown, a value is out of its range, or the axis would limit a target. An axis that another
     client of the same bus has enabled stays enabled. `axis params store` keeps the values over a
-    power cut.
+    power cut. A simulated axis begins each command with the values of its experiment.
     """
     with owned(connection, shared=True) as axis:
         values = assignments(words)
         axis.set(**values)
+        if connection.is_simulated and any(objects.BY_NAME[name].stored for name in values):
+            click.echo(
+                f"forceaxis: warning: {axis.link.where} is off after this command and forgets what "
+                "was set: write it under [firmware] of the experiment, or give each command --set "
+                "firmware.NAME=VALUE",
+                err=True,
+            )
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
         print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
