@@ -70,7 +70,7 @@ def test_verdict_gain_and_bank_are_on_top(page):
 
 
 def test_the_p_gain_for_the_set_is_the_one_that_new_says(tmp_path):
-    """The noise of the force bounds it in both, here at more than without a known noise."""
+    """The noise of the force bounds it everywhere, here at more than without a known noise."""
     made = verbs.forceaxis(
         "new", "mine", "--yes", "--json", "--drive", "velocity", "--velocity-loop-hz", 30,
         "--full-scale-speed-m-per-s", 0.06, "--sensor-bits", 16, "--sensor-full-scale-n", 250,
@@ -83,6 +83,14 @@ def test_the_p_gain_for_the_set_is_the_one_that_new_says(tmp_path):
     html = (tmp_path / "out/index.html").read_text()
     shown = float(re.search(r"P gain for the set <b>([0-9.]+)</b>", html)[1])
     assert shown == pytest.approx(gain, rel=2e-3)
+    over = ("--over", "k_w=30%,m_w=30%", "--json")
+    advised = verbs.forceaxis("loop", "advise", "mine/model.toml", "--linear", *over, cwd=tmp_path)
+    found = json.loads(advised.stdout)["present"]["over"]
+    assert found["firmware_gain"] > 0.99 * gain  # without the margin for a tick more of delay
+    softer = verbs.forceaxis(
+        "loop", "compliance", "mine/model.toml", "--points", 2, *over, cwd=tmp_path
+    )
+    assert max(row["p_bank"]["gain"] for row in json.loads(softer.stdout)["rows"]) > 80
 
 
 def test_pictures_are_vectors_with_a_text_and_small(page):

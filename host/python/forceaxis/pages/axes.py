@@ -12,7 +12,7 @@ from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import Design
-from forceaxis.design.grid import Goal, hf_of_noise
+from forceaxis.design.grid import goal_of_noise
 from forceaxis.experiments import sweep, sweep_plots
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
@@ -220,9 +220,8 @@ def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
     facts = linear.facts(model)
     bits = facts.required_reading.bits
     with Design(str(model)) as plant:
-        noise = plant.noise_codes(bits)
-    hf_gain = None if noise is None else hf_of_noise(bits, noise)
-    search = reduced.ShortSearch(plants, Goal(adc_bits=bits, hf_gain=hf_gain), random=0)
+        goal = goal_of_noise(bits, plant.noise_codes(bits))
+    search = reduced.ShortSearch(plants, goal, random=0)
     recommended = search.worst(Bank(1.0))
     banks = []
     for entry in entries:
