@@ -113,6 +113,8 @@ def test_what_a_simulated_axis_forgets_is_warned_of(tmp_path):
         assert done.stderr == ""
         return json.loads(said(done))
 
+    # A command of the axis is no parameter.
+    assert "forgets" not in forceaxis("axis", "set", *on, "controlword=0").stderr
     before = has()
     assert before["force_gain"] == 5 and before["contact_force"] != 3
     assert has(*given) == wanted

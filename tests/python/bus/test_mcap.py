@@ -113,6 +113,24 @@ def test_the_recording_of_a_run_has_the_states_of_its_axis(run):
     assert (axis["fault"], axis["lost"], axis["silent"]) == ("none", 0, False)
 
 
+def test_the_states_are_those_of_a_gateway_whatever_converters_the_axis_has(tmp_path):
+    """A gateway publishes the upper 16 bits of a sensor of 24 bits, and whole codes of 12 bits."""
+    folder = tmp_path / "press"
+    forceaxis("new", folder, "--yes", "--no-design", "--drive", "velocity", "--sensor-bits", 24,
+              "--output-bits", 16, "--sensor-full-scale-n", 25000)  # fmt: skip
+    forceaxis("run", folder / "contact.toml", "--out", tmp_path, "--record", tmp_path / "run.mcap")
+    states, _ = read(tmp_path / "run.mcap", "/axis_1/state")
+    trace = np.load(tmp_path / "trace.npz")
+    ticks = [row["tick"] for _, row in states]
+    # 25 kN over half of the codes of 16 bits.
+    force_N = (trace["adc0"][ticks].astype(float) - 32768) * 25000 / 32768
+    assert [row["force_N"] for _, row in states] == pytest.approx(force_N, abs=1)
+    assert 200 < max(force_N) < 25000
+    codes = trace["dac"][ticks] / 16
+    assert abs(np.array([row["dac_code"] for _, row in states]) - codes).max() <= 0.5
+    assert max(codes) > 10
+
+
 def test_commands_that_read_a_recording_read_mcap(run, tmp_path):
     forceaxis("recording", "convert", run / "run.mcap", tmp_path / "run.log")
     info = [json.loads(forceaxis("recording", "info", file, "--json").stdout)

@@ -26,6 +26,8 @@ from forceaxis.commission import (
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Drawn
 from forceaxis.commission.contact_workers import ContactsOrder, run_rows
+from forceaxis.commission.known import Prior
+from forceaxis.experiments.experiment import Experiment
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior, working
 from forceaxis.recordings import model_error, signal_recording
@@ -53,6 +55,40 @@ def identified(tmp_path_factory):
     found = contact_fit.identify(order)
     contact_fit.write(found, folder / "out")
     return found, folder
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory):
+    """A vertical head whose brake opens 50 ms after the start, and the trace of a contact."""
+    folder = tmp_path_factory.mktemp("head") / "head"
+    done = verbs.forceaxis(
+        "new", folder, "--yes", "--no-design", "--drive", "torque", "--motor", "linear",
+        "--force-constant-n-per-a", 22, "--motor-peak-current-a", 6, "--moving-mass-kg", 1.6,
+        "--inclination-deg", -90, "--brake-holding-n", 40, "--brake-release-ms", 50,
+        "--sensor-bits", 16, "--encoder-counts-per-mm", 2000, "--approach-mm", 3,
+        "--workpiece-stiffness-n-per-m", 1.5e4, "--workpiece-mass-kg", 0.2,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder, Experiment.load(folder / "contact.toml").run()
+
+
+@pytest.mark.parametrize("first", [0, 1, 40, 90, 110])
+def test_a_brake_is_open_where_a_recording_begins_in_motion(head, first):
+    """The simulation enables the drive at its start. The drive of the recording may have been
+    enabled before, and until tick 75 its axis rests."""
+    folder, run = head
+    assert len(set(run["position"][:76])) == 1 < len(set(run["position"][:90]))
+    recording = study.recording(SimpleNamespace(
+        codes=run["dac"][first:1500], force_N=run["force"][first:1500],
+        position_m=run["position"][first:1500], time_s=np.arange(1500 - first) / 1500,
+    ))  # fmt: skip
+    model = str(folder / "model.toml")
+    data = contact_data.touch_downs(model, [("touch", recording)], {})
+    problem = ContactProblem(model, data, {"k_w": Prior(1.5e4, 1.0)}, {})
+    touch = data.touches[0]
+    off = problem.predict(problem.centre[None]).position[0] - touch.position.values
+    # Where the recording begins in motion, its speed is known from three counts.
+    assert abs(off[: int(touch.onset)]).max() < 5e-5
 
 
 @pytest.mark.parametrize("change", [{}, {"f_c": 4.0}, {"lag_rad_s": 1500.0}, {"b_s": 0.0}])

@@ -8,10 +8,11 @@ import incident_study
 import numpy as np
 import protections
 import pytest
+from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import incident as cli_incident
-from forceaxis.commission import incident, incident_explain
+from forceaxis.commission import contact_elements, incident, incident_explain
 from forceaxis.commission.incident_explain import ExplainOrder, explain
 from forceaxis.experiments.experiment import Experiment
 from verbs import forceaxis
@@ -134,6 +135,32 @@ def test_a_released_machine_has_no_such_fault(tmp_path, name):
     same = dataclasses.replace(hidden, change=None, events="")
     run = Experiment.load(incident_study.experiment(tmp_path, same)).run()
     assert run.fault == "none"
+
+
+@pytest.mark.parametrize("names", [("approach", "scale"), ("scale", "approach")])
+def test_a_changed_model_has_no_unused_parameter_whatever_their_order(tmp_path, names):
+    """A cause that replaces two parameters, such as the start and the scale of the encoder, leaves
+    both without a use. A model with an unused parameter is refused."""
+    first, second = names
+    lines = [f'{name} = {{ value = 2.0, unit = "m" }}' for name in (first, second)]
+    text = f"""title = "Two unused parameters"
+[parameters]
+{lines[0]}
+{lines[1]}
+plain = 3.0
+used = {{ value = 1.0, unit = "kg" }}
+[[body]]
+name = "axis"
+mass = "used"
+[[damper]]
+name = "guide"
+between = ["axis", "ground"]
+damping = 1.0
+"""
+    file = tmp_path / "model.toml"
+    file.write_text(contact_elements.without_unused(text, tmp_path / "trial.toml"))
+    assert linear.facts(str(file)).parameters.keys() == {"used"}
+    assert all(f"{name} = " in file.read_text() for name in names)
 
 
 @pytest.mark.long

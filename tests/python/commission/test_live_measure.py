@@ -3,6 +3,7 @@ what it refuses is refused by name and leaves the axis as it was."""
 
 import functools
 import json
+from types import SimpleNamespace
 
 import live_axes
 import numpy as np
@@ -13,7 +14,7 @@ from forceaxis.axis.sim import SimLink
 from forceaxis.cli import live_options
 from forceaxis.commission import as_found, measuring, response
 from forceaxis.commission.analyzer import Analyzer, MeasuringOrder, noise_of
-from forceaxis.commission.level import Abort
+from forceaxis.commission.level import Abort, Level
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new
 from forceaxis.identify import fit, result
@@ -235,6 +236,19 @@ def test_a_quiet_reading_is_hinted_at(axis_file):
         done = measuring.measure(axis, order, (30.0,))
     (text,) = done["30N"].summary.hints
     assert text.startswith("the noise of the measured force is 0 codes rms, below 0.4")
+
+
+@pytest.mark.parametrize(("amplitude", "lowered"), [(1, True), (30, False)])
+def test_a_response_without_coherence_is_hinted_at_with_what_would_help(amplitude, lowered):
+    """An axis with friction and backlash: its excitation was halved until nothing moved. With an
+    amplitude that was kept, a larger force helps."""
+    seen = SimpleNamespace(coherence=np.full(100, 0.1))
+    aborts = [Abort(8, "distorted"), Abort(4, "distorted"), Abort(40, "ended_force")]
+    level = Level(amplitude, noise_lsb=2.0, measured_or_none=seen, aborts=aborts)
+    (text,) = measuring.hints(level, SimpleNamespace(noise_lsb=2.0))
+    assert text.startswith("coherence above 0.9 at 0 % of the frequencies: ")
+    assert ("8 codes became 1 because" in text and "`level`" in text) == lowered
+    assert ("larger force" in text) != lowered
 
 
 class Late(SimLink):

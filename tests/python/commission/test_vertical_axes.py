@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import itertools
 import json
+import math
 import os
 import re
 from types import SimpleNamespace
@@ -325,6 +326,28 @@ def test_a_refusal_after_the_law_was_written_puts_the_earlier_output_back(tmp_pa
             assert axis.read("output_bias") == checked.settings["output_bias"]
             tune._restore_earlier_law(work)
         assert axis.get(*before) == before
+
+
+def test_a_falling_axis_turns_its_rotor(tmp_path):
+    """A ram of 62 kg on a screw of 1.6667 mm: its rotor is 10 t there, whether the screw is rigid
+    or not, and the brake holds after 30 ms."""
+    sheet = dict(
+        drive="velocity", rotor_inertia_kg_m2=7.2e-4, lead_mm_per_rev=1.6667, moving_mass_kg=62,
+        inclination_deg=-90, brake_holding_n=2500, brake_engage_ms=30, approach_mm=8,
+    )  # fmt: skip
+    moving_kg = 62 + 7.2e-4 / (1.6667e-3 / (2 * math.pi)) ** 2
+    fall_m = 62 * 9.81 / moving_kg * 0.03**2 / 2
+    for name, more in (
+        ("rigid", {}),
+        ("soft", {"transmission_stiffness_n_per_m": 1.8e8}),
+        ("play", {"transmission_stiffness_n_per_m": 1.8e8, "backlash_mm": 0.02}),
+    ):
+        given = {key: str(value) for key, value in (sheet | more).items()}
+        new.write(tmp_path / name, *data_sheet.collect(given))
+        found = known.weight(tmp_path / name / "model.toml")
+        assert found.newton == pytest.approx(62 * 9.81)
+        assert found.fall_m == pytest.approx(fall_m, rel=1e-6), name
+    assert 2.6e-5 < fall_m < 2.7e-5
 
 
 def test_an_axis_that_could_fall_onto_its_workpiece_is_not_moved(tmp_path):

@@ -107,6 +107,17 @@ def test_aborted_parts_and_parts_without_a_result_are_apart(tmp_path):
     assert result.good.counts.no_result == 3 and "duration_s" in result.warnings[0]
 
 
+def test_an_experiment_that_starts_no_cycle_is_said_to(tmp_path):
+    """Such as contact.toml of `forceaxis new`: a longer run does not help."""
+    file = tmp_path / "idle.toml"
+    text = PRESS_FIT.read_text().replace("controlword = 31", "controlword = 15")
+    file.write_text(text.replace('"../', f'"{SIM}/'))
+    result = rates.rates(rates.RatesRequest(file, GOOD, parts=3)).result
+    (warning,) = result.warnings
+    assert result.good.counts.no_result == 3 and "3 of 3 without a cycle" in warning
+    assert "modes_of_operation = -9" in warning and "31" in warning and "duration_s" not in warning
+
+
 def test_a_part_that_cannot_be_simulated_is_a_failed_run(tmp_path):
     file = tmp_path / "parts.toml"
     file.write_text('[[kind]]\nname = "wrong"\n[kind.set]\nk_bore = "-40 kN/m"\n')

@@ -180,6 +180,25 @@ def test_what_a_bank_can_hold_is_the_law_that_it_stands_for(workpiece):
         assert row(workpiece, start)["critical_gain"] == pytest.approx(wanted.gain, rel=1e-6)
 
 
+def test_a_converter_with_a_clock_of_its_own_leaves_the_rate_of_the_force_out(tmp_path):
+    """The law with a sensor of the velocity needs a sample at each tick."""
+    source = (paths.MODELS / "fig4_19.toml").read_text()
+    at = source.index("channel = 0\n")
+    model = tmp_path / "model.toml"
+    model.write_text(source[:at] + "sample_rate = 1500\n" + source[at:])
+    (tmp_path / "thesis.toml").write_text((paths.MODELS / "thesis.toml").read_text())
+    found = advised(str(model), runs="none")
+    names = [one["change"] for one in found["rows"]]
+    assert any(name.startswith("derivative by differences") for name in names)
+    assert not any(name.startswith("derivative from") for name in names)
+
+
+def test_a_stiff_machine_keeps_the_digits_of_its_gains(workpiece):
+    """Gains of a press of 20 kN are below 0.001 V/N."""
+    present = replace(workpiece.advice.present, critical_gain=0.00048117)
+    assert "0.0004812" in describe(replace(workpiece.advice, present=present))
+
+
 @pytest.mark.long
 def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
     over = ("k_w=30%,m_w=30%",)

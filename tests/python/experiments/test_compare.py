@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from forceaxis import _core
 from forceaxis._core import InputError
+from forceaxis.commission import contact_data
 from forceaxis.experiments import compare, compare_plots
 from forceaxis.experiments.prediction import PredictionRequest
 from forceaxis.linear import posterior
@@ -155,6 +156,25 @@ def test_a_machine_that_is_as_the_model_says_agrees(experiment):
     assert {s.name for s in done.signals} == {"force", "position"}
     assert min(result.inside.values()) > 0.85
     assert not result.notes
+
+
+def test_codes_are_those_of_the_dac_of_the_model(experiment):
+    """A DAC of 16 bits has codes beyond 2047. The same machine agrees, and `identify contact` reads
+    the same command."""
+    model = experiment.parent / "model.toml"
+    fine = model.read_text().replace("velocity_per_volt = 0.02", "velocity_per_volt = 0.005")
+    model.write_text(fine + "[dac]\nbits = 16\n")
+    experiment.write_text(experiment.read_text().replace("force_gain = 4.0", "force_gain = 16.0"))
+    file = codes_recording(experiment)
+    codes = signal_recording.read(file)["code"].values
+    assert 4096 < codes.max() < 32768
+    result = compared(experiment, file).result
+    assert result.agrees, result.figures
+    data = contact_data.touch_downs(str(model), [("touch", signal_recording.read(file))], {})
+    assert data.touches[0].volts.max() == pytest.approx(10 * codes.max() / 32768)
+    model.write_text(fine)
+    with pytest.raises(InputError, match=r"code: expected codes of the DAC .* -2048 to 2047, got"):
+        compared(experiment, file)
 
 
 def test_stamps_of_few_decimals_change_no_figure(experiment):

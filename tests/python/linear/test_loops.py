@@ -1,5 +1,6 @@
 """Force loops: critical gains against python-control, frequency sweeps and the stepper."""
 
+import dataclasses
 import json
 import math
 import re
@@ -14,6 +15,7 @@ import verbs
 from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
+from forceaxis.cli import text_loops
 from forceaxis.linear import limits, loops
 from scipy import linalg, optimize, signal
 
@@ -530,6 +532,15 @@ def test_a_step_shorter_than_its_response_has_no_figures_of_it(capsys, monkeypat
     monkeypatch.setattr(sys, "argv", ["forceaxis", *arguments.split()])
     cli.main()
     assert capsys.readouterr().out.count("not within 0.03 s") == 3
+
+
+@pytest.mark.parametrize("overshoot", [0.0, 5.063e-14])
+def test_a_step_that_does_not_pass_its_end_has_no_overshoot(overshoot):
+    loop = loops.force_loop("fig4_15")
+    result = limits.step_result(loop, loop.gain_of(2.0), 1.0)
+    settled = dataclasses.replace(result.response, overshoot=overshoot)
+    text = text_loops.describe_step(dataclasses.replace(result, response=settled))
+    assert "overshoot    0 of the final value" in text
 
 
 def test_a_step_without_a_final_value_has_no_figures_of_it():

@@ -325,6 +325,26 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
     assert objects["approach_velocity_max"] == round(3.75e-3 * scale)
 
 
+def test_a_gap_of_the_contact_is_approached_like_one_of_the_positions(tmp_path):
+    """The same plant, written in two ways."""
+    source = ROOT / "tests/system/verdicts/model.toml"
+    text = source.read_text()
+    assert text.count('position = "-approach"\n') == 2 and text.count("[[contact]]\n") == 1
+    model = tmp_path / "model.toml"
+    model.write_text(
+        text.replace('position = "-approach"\n', "")
+        .replace("[[contact]]\n", '[[contact]]\ngap = "approach"\n')
+    )  # fmt: skip
+    touched = []
+    for path in (source, model):
+        with changes.Design(str(path), {"approach": 0.004}) as design:
+            bench = simulate.ContactBench(design, 12)
+            assert bench.gap_m() == pytest.approx(0.004)
+            contacts = simulate.safe(bench, Bank(1.0), [{}], (0,), 2).contacts
+            touched.append([(one.case, one.verdict, one.losses) for one in contacts])
+    assert touched[0] == touched[1]
+
+
 # A flexure that the drive cannot bend far enough: no force law makes that contact.
 def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
     model = ROOT / "tests/system/verdicts/model.toml"

@@ -296,6 +296,40 @@ def test_the_linear_limit_is_where_the_simulated_loop_turns(tmp_path, sheet):
     assert verdicts == ["stable", "unstable"]
 
 
+# The axis of "Your axis in ten minutes".
+BOUNCING = dict(
+    torque_constant_n_m_per_a=0.5, resistance_ohm=4.5, inductance_h=0.0158,
+    rotor_inertia_kg_m2=0.0013, motor_peak_current_a=30, supply_v=60, lead_mm_per_rev=25,
+    moving_mass_kg=50, full_scale_speed_m_per_s=0.4, sensor_full_scale_n=300,
+    sensor_stiffness_n_per_m=4e5, workpiece_stiffness_n_per_m=4e5, workpiece_mass_kg=6,
+    workpiece_damping_ratio=0.005,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "words", "not_words"),
+    [
+        # The axis of the guide bounces far below its linear limit.
+        (BOUNCING, ["stable below ", "contact is lost far below"], ["a sixth of it"]),
+        # A drive whose velocity loop has an integral holds all of the force.
+        (PRESS, ["stable below ", "a sixth of it", "it holds 100 %"],
+         ["far below", "share is larger"]),
+        (HEAD | {"drive": "velocity", "velocity_loop_hz": 30, "full_scale_speed_m_per_s": 0.01,
+                 "current_loop_hz": 1000, "workpiece_stiffness_n_per_m": 500},
+         ["stable up to 256, the largest gain that the firmware stores"], ["stable below"]),
+        # A drive without a velocity loop has none that can be stiffer.
+        (HEAD, ["a sixth of it", "With an integral a law holds all of it"],
+         ["far below", "stiffer velocity loop"]),
+    ],
+    ids=["bounces", "integral", "soft", "torque"],
+)  # fmt: skip
+def test_the_comment_on_the_gain_is_true_of_this_machine(tmp_path, given, words, not_words):
+    written(tmp_path, **given)
+    text = (tmp_path / "mine/contact.toml").read_text()
+    assert not [word for word in words if word not in text], text
+    assert not [word for word in not_words if word in text], text
+
+
 def test_the_model_holds_what_the_data_sheet_says(tmp_path):
     """Values by hand: lead 10 mm, 5e-5 kg m^2, 20 A, 10 V, 500 N over 12 bits."""
     made(

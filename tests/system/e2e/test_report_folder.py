@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import verbs
 from forceaxis.experiments import run as runs
 from forceaxis.pages import axes, folder
 
@@ -66,6 +67,30 @@ def test_verdict_gain_and_bank_are_on_top(page):
         assert card[1] == status
         assert "<polyline" in card[0] and re.search(r"[0-9.]+ N of [0-9.]+ N, error", card[0])
     assert "not as expected" in html and "Expected otherwise: verdict" in html
+
+
+def test_the_p_gain_for_the_set_is_the_one_that_new_says(tmp_path):
+    """The noise of the force bounds it everywhere, here at more than without a known noise."""
+    made = verbs.forceaxis(
+        "new", "mine", "--yes", "--json", "--drive", "velocity", "--velocity-loop-hz", 30,
+        "--full-scale-speed-m-per-s", 0.06, "--sensor-bits", 16, "--sensor-full-scale-n", 250,
+        "--sensor-noise-n", 0.08, "--workpiece-stiffness-n-per-m", 8000, "--workpiece-mass-kg",
+        0.3, cwd=tmp_path,
+    )  # fmt: skip
+    gain = json.loads(made.stdout)["design"]["p_force_gain"]
+    assert gain > 80
+    assert report("mine", "--out", "out", cwd=tmp_path).returncode == 0
+    html = (tmp_path / "out/index.html").read_text()
+    shown = float(re.search(r"P gain for the set <b>([0-9.]+)</b>", html)[1])
+    assert shown == pytest.approx(gain, rel=2e-3)
+    over = ("--over", "k_w=30%,m_w=30%", "--json")
+    advised = verbs.forceaxis("loop", "advise", "mine/model.toml", "--linear", *over, cwd=tmp_path)
+    found = json.loads(advised.stdout)["present"]["over"]
+    assert found["firmware_gain"] > 0.99 * gain  # without the margin for a tick more of delay
+    softer = verbs.forceaxis(
+        "loop", "compliance", "mine/model.toml", "--points", 2, *over, cwd=tmp_path
+    )
+    assert max(row["p_bank"]["gain"] for row in json.loads(softer.stdout)["rows"]) > 80
 
 
 def test_pictures_are_vectors_with_a_text_and_small(page):

@@ -105,7 +105,7 @@ def test_a_boundary_is_where_stable_ends_whatever_follows():
     assert done.columns["beyond"][0] == "not_met"
     search = {"firmware.force_gain": "0:20:1"}
     done = sweeps.sweep(sweeps.SweepRequest(HERE / "contact.toml", bisect=search))
-    assert done.columns["note"][0] == "no change: never_in_contact at 0, unstable at 20"
+    assert done.columns["note"][0] == "stable at neither end: never_in_contact at 0, unstable at 20"
 
 
 def test_a_page_calls_each_verdict_by_its_name(tmp_path):

@@ -517,19 +517,19 @@ def retract(axis: Drive, distance: float | str, speed: float | str | None = None
 
 @dataclass(frozen=True)
 class RetractObjects:
-    """Objects from which the motion of a retract is computed. Velocity and position are in user
-    units, forces in 8-bit counts."""
+    """Objects from which the motion of a retract is computed. The velocity is in user units, forces
+    are in 8-bit counts."""
 
     trajectory_velocity: float
     contact_force: float
     polarity: int
     force: float
-    position_actual: float
 
 
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
     """Moves the axis back against the direction of the force, by the distance `way`. Before the
-    motion, lowers the force target in the object `target` to 0, unless `target` is "". Returns the
+    motion, lowers the force target in the object `target` to 0, unless `target` is "". The distance
+    counts from where the axis then is, so that a soft workpiece does not use it up. Returns the
     state of the axis, which is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
@@ -541,11 +541,9 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
     per_s = max(1.0, min(ratio * float(most), own))
     is_reversed = bool(before.polarity & bounds.REVERSED_POSITIONS)
     sign = 1 if (before.force < 0) != is_reversed else -1
-    place = round(before.position_actual + sign * way)
     if target:
         _release(axis, target, counts)
-    here = axis.integer("position_actual")  # the retract never moves the axis toward the workpiece
-    place = max(place, here) if sign > 0 else min(place, here)
+    place = round(axis.integer("position_actual") + sign * way)
     try:
         axis.enable("profile position", trajectory_velocity=per_s)
         try:

@@ -184,12 +184,12 @@ class Axis(Drive):
         "5 mm", or a number in user units. Returns the last state of the axis before it was
         disabled.
 
-        The axis first lowers its target force to 0. Then it moves in the opposite direction of the
-        measured force; if no force is measured, it moves away from the workpiece. The speed is at
-        most `speed` (default: approach_velocity_max), and the motion stays within the limits of the
-        axis. If the measured force exceeds its initial value by more than 8 counts, the axis
-        disables itself. Raises InputError and NoAnswer, and Refused if the axis is still in contact
-        at the end.
+        The axis first lowers its target force to 0. From there it moves by `distance` in the
+        opposite direction of the measured force; if no force is measured, it moves away from the
+        workpiece. The speed is at most `speed` (default: approach_velocity_max), and the motion
+        stays within the limits of the axis. If the measured force exceeds its initial value by more
+        than 8 counts, the axis disables itself. Raises InputError and NoAnswer, and Refused if the
+        axis is still in contact at the end.
         """
         return actions.retract(self, distance, speed)
 

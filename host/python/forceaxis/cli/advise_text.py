@@ -165,7 +165,7 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)
     critical = "no limit" if row.known_to is None else f"> {row.known_to:.4g}"
     if row.critical_gain is not None:
-        critical = f"{row.critical_gain:.4f}"
+        critical = f"{row.critical_gain:.4g}"
     gain = "> " * (row.known_to is not None) + short(row.firmware_gain)
     if row.firmware_gain is not None and row.firmware_gain >= FIRMWARE_GAIN_MAX:
         gain = "> 256"

@@ -246,7 +246,7 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
     A value may have a unit: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written if a name
     is unknown, a value is out of its range, or the axis would limit a target. An axis that another
     client of the same bus has enabled stays enabled. `axis params store` keeps the values over a
-    power cut.
+    power cut. A simulated axis begins each command with the values of its experiment.
     """
     with owned(connection, shared=True) as axis:
         values = assignments(words)
@@ -254,7 +254,8 @@ def set_objects(connection: AxisConnection, words: Sequence[str], as_json: bool)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
         print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
-        live_options.warn_of_forgotten(axis, connection, back)
+        kept = {name: value for name, value in back.items() if objects.BY_NAME[name].stored}
+        live_options.warn_of_forgotten(axis, connection, kept)
 
 
 @axis.command(
@@ -470,8 +471,8 @@ def move(
 @click.option(
     "--retract",
     metavar="DISTANCE",
-    help='Move back by this distance after pressing, "5 mm" or encoder counts, not faster than '
-    "--speed. Default: the axis is disabled in contact.",
+    help='Release the force after pressing, then move back by this distance, "5 mm" or encoder '
+    "counts, not faster than --speed. Default: the axis is disabled in contact.",
 )
 @force_max
 @live_in_mm

@@ -150,7 +150,8 @@ def describe_step(result: StepResult) -> str:
         ("rise", response.rise_s, "s"),
         ("settle", response.settle_s, "s"),
     ):
-        lines.append(f"{name:12} {late if value is None else f'{value:.4g} {unit}'}")
+        # What rounding leaves of a response without overshoot is none.
+        lines.append(f"{name:12} {late if value is None else f'{round(value, 9):.4g} {unit}'}")
     return "\n".join(lines)
 
 

@@ -427,7 +427,7 @@ class MotionCheck:
         self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} force counts "
                    f"({newton:.4g} N)" + ("" if apart else ": in contact, or without its tare"),
                    self.reading, band)  # fmt: skip
-        self._evaluate("current", current.max() < top, f"code {float(np.mean(current)):.4g}",
+        self._evaluate("current", current.max() < top, f"code {float(np.mean(current)):.0f}",
                     float(current.max()), top, ": at its upper end; check its wiring")  # fmt: skip
         moved = int(np.ptp(place))
         self.start = int(place[-1])

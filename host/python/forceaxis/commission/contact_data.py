@@ -328,7 +328,7 @@ class _Reader:
         )
         drive = self.facts.required_drive.values
         self.volts_per = {
-            "code": self.facts.volts_per_code,
+            "code": self.facts.volts_per_step,
             "voltage_command": 1.0,
             "speed_command": 1 / drive.get("velocity_per_volt", self.speed_per_volt),
             "force_command": 1 / drive.get("force_per_volt", math.nan),

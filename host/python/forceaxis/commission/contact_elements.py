@@ -226,17 +226,24 @@ def model_text(problem: ContactProblem, element: Element, start: Mapping[str, fl
 
 
 def without_unused(text: str, path: Path) -> str:
-    """Returns the text of a model file. Parameters that no element uses any more are marked in
-    it."""
+    """Returns the text of a model file. Parameters that no element uses any more are marked in it.
+    Those that are a number alone are removed."""
     document = tomlkit.parse(text)
-    for name, table in list(document.get("parameters", {}).items()):
+    parameters = document.get("parameters", {})
+    for _ in range(len(parameters)):
         path.write_text(tomlkit.dumps(document))
         try:
             linear.facts(str(path))
             break
         except InputError as error:
-            if f"parameters.{name}" in str(error) and not isinstance(table, float):
-                table["documentation"] = True
+            # Of several such parameters, the error names one, in an order of its own.
+            said = str(error)
+        unused = [name for name in parameters if f" parameters.{name}: " in said]
+        for name in unused:
+            if isinstance(parameters[name], dict):
+                parameters[name]["documentation"] = True
+            else:
+                del parameters[name]
     return tomlkit.dumps(document)
 
 

@@ -18,9 +18,9 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from forceaxis import _core, linear
+from forceaxis import _core, linear, toml
 from forceaxis._core import InputError
-from forceaxis.commission.contact_data import ContactData, Floats, Samples
+from forceaxis.commission.contact_data import ContactData, Floats, Samples, TouchDown
 from forceaxis.commission.contact_workers import ContactsOrder, ContactWorkers
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
@@ -34,6 +34,9 @@ WORST_RESIDUAL = 1e5
 PLACE_DEVIATION_M = 1e-3  # prior standard deviation in m of the position of the axis
 # prior standard deviation of the zero of the force, divided by the range of the recorded force
 ZERO_SHARE = 0.01
+# An axis at rest keeps its position within REST_STEPS steps of the encoder, and within
+# REST_DEVIATIONS standard deviations of the noise of its position.
+REST_STEPS, REST_DEVIATIONS = 1.5, 6.0
 START_VALUES = 3  # number of start values in _core.Contacts: shift in m, speed in m/s, command in V
 # Function simulate(values, starts), which returns the same readings as _core.Contacts.run().
 Simulate = Callable[[Floats, Floats], Floats]
@@ -84,6 +87,30 @@ def gap_of(model: str | Path, held: Overrides) -> float:
     return min(-float(plant.signal(f"{contact.name}.deflection")) for contact in contacts)
 
 
+def with_open_brake(model: str | Path, data: ContactData, held: Overrides) -> Overrides:
+    """Returns `held` with the times in which the brakes of a model open, as the touch-downs show
+    them. The simulation enables the drive at its start, and a recording often begins later. A brake
+    is open when the axis moves, so its time is at most that of the first recorded motion."""
+    rests = min((_rest_steps(touch) for touch in data.touches), default=math.inf) / data.rate_hz
+    known = linear.facts(str(model), held).parameters
+    times = [row.get("release") for row in toml.read(linear.find_model(model)).get("brake", ())]
+    found = {name: known[name].value for name in times if name in known}
+    return {**held, **{name: rests for name, value in found.items() if rests < value}}
+
+
+def _rest_steps(touch: TouchDown) -> float:
+    """Returns the time step of the plant up to which a touch-down has rested from its start."""
+    if touch.speed[0]:
+        return 0.0
+    if touch.position is None:
+        return math.inf
+    values = touch.position.values
+    moved = np.abs(values - values[0]) > max(
+        REST_STEPS * touch.position.step, REST_DEVIATIONS * touch.position.noise
+    )
+    return float(touch.position.at[max(0, int(moved.argmax()) - 1)]) if moved.any() else math.inf
+
+
 def _simulation(model: Path, order: ContactsOrder, site: int | Workers) -> Simulate:
     # A wrong model is refused here, before the long computation on the workers.
     here = order.on(model)
@@ -112,7 +139,7 @@ class ContactProblem:
         site: int | Workers = 1,
     ) -> None:
         self.model, self.data, self.priors = Path(model), data, priors
-        self.held, self.site = held, site
+        self.held, self.site = with_open_brake(model, data, held), site
         self.errors: dict[str, ModelError] = {}
         gap = gap_of(self.model, held)
         self.places = np.array([gap - touch.travel for touch in data.touches])
@@ -123,7 +150,7 @@ class ContactProblem:
         )
         self.spread = np.array([p.spread for p in priors.values()] + [1.0] * len(self.unknowns))
         self.order = ContactsOrder(
-            tomlkit.dumps(model_file.document(self.model)), held, tuple(priors),
+            tomlkit.dumps(model_file.document(self.model)), self.held, tuple(priors),
             tuple(moved_bodies(self.model)), tuple(touch.volts for touch in data.touches),
             data.parts,
         )  # fmt: skip

@@ -2,7 +2,7 @@
 with which the drive stays linear."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -256,7 +256,8 @@ class Weight:
     """The weight of an axis by its model: the force of gravity along the axis in N, positive toward
     the workpiece, and the force of the drive at standstill in N per DAC code. This force is
     infinity for a drive whose velocity loop has an integral. `engage_s`: time in s until the brake
-    holds, 0 without a brake. `fall_m`: way in m of an axis without friction in this time.
+    holds, 0 without a brake. `fall_m`: way in m of an axis without friction in this time, which
+    turns its rotor as it falls.
     `sag_counts`: way in encoder counts until a drive with an integral holds the weight after its
     brake has opened, 0 for other drives."""
 
@@ -289,7 +290,8 @@ def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weig
     parameters = linear.facts(model, overrides).parameters
     table = toml.read(str(model))
     masses = {body["name"]: body["mass"] for body in table.get("body", ())}
-    total = moving = sag = 0.0
+    total = sag = 0.0
+    weighed: set[str] = set()
     holds = has_integral(model, INTEGRAL_BAND_HZ, overrides)
     for row in table.get("gravity", ()):
         given = row["acceleration"]
@@ -297,7 +299,7 @@ def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weig
         mass = working.number(masses.get(row["body"]), parameters)
         newton = (acceleration or 0.0) * (mass or 0.0)
         total += newton
-        moving += mass or 0.0
+        weighed.add(row["body"])
         if holds and newton:
             pull = (f"{row['body']}.force",)
             plant = linear.linearise(str(model), pull, ("encoder",), overrides, free=True)
@@ -306,9 +308,23 @@ def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weig
         working.number(row.get("engage"), parameters) or 0.0 for row in table.get("brake", ())
     ]
     engage_s = max(engages, default=0.0)
+    falling = [working.number(masses.get(body), parameters) for body in _joined(model, weighed)]
+    moving = sum(mass or 0.0 for mass in falling)
     fall_m = abs(total / moving) * engage_s**2 / 2 if moving else 0.0
     per_code = math.inf if holds else newton_per_code(model, overrides)
     return Weight(total, per_code, engage_s, fall_m, abs(sag))
+
+
+def _joined(model: str | Path, bodies: Iterable[str]) -> list[str]:
+    """Returns the names of the bodies that move with `bodies` while all contacts are open, and
+    these. A transmission is a spring or a backlash, so a reflected rotor is one of them."""
+    tables, moved = model_file.read(model), set(bodies)
+    links = (*tables.springs, *tables.backlashes)
+    while more := {
+        end for link in links if moved & set(link.between) for end in link.between
+    } - moved - {"ground"}:  # fmt: skip
+        moved |= more
+    return sorted(moved)
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:

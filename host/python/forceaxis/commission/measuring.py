@@ -145,9 +145,17 @@ def hints(level: Level, rest: Rest) -> list[str]:
         )
     coherent = level.measured.coherence > COHERENT
     if coherent.mean() < 0.5:
+        remedy = "measure with a larger force, more averages or a narrower band"
+        distorted = [abort.amplitude for abort in level.aborts if abort.why == "distorted"]
+        if distorted and level.amplitude < max(distorted):
+            remedy = (
+                f"{max(distorted)} codes became {level.amplitude} because the response was "
+                "distorted, as by dry friction or backlash; give the amplitude with `level`, the "
+                "same for all measurements that are compared, or let `tune` measure"
+            )
         texts.append(
             f"coherence above {COHERENT:g} at {100 * coherent.mean():.2g} % of the frequencies: "
-            "measure with a larger force, more averages or a narrower band"
+            + remedy
         )
         if not level.measured.model:
             texts.append(

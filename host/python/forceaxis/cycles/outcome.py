@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 GOOD, BAD, ABORTED = "good", "bad", "aborted"
 BY_PROGRAM = "by_program"
+IDLE = "idle"  # state of an axis on which no cycle was started
 # Verdicts of an evaluation element that has found a value in the curve.
 # Only the verdicts on a value depend on the bounds of an evaluation element.
 MEASURED = ("good", "below", "above")

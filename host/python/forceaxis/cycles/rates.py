@@ -12,7 +12,7 @@ from pathlib import Path
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError, SimulationError
-from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, PartOutcome, outcome_of
+from forceaxis.cycles.outcome import ABORTED, BAD, GOOD, IDLE, PartOutcome, outcome_of
 from forceaxis.cycles.part import ElementFigure, figure_of
 from forceaxis.cycles.parts import Kind, Part, Parts, draw, read_parts
 from forceaxis.cycles.program import Element, Program, read_program, with_program
@@ -20,6 +20,7 @@ from forceaxis.cycles.record import element_cells, element_columns
 from forceaxis.cycles.statistics import Share, share
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.runner import RunSite, identity_of, runner_at
+from forceaxis.experiments.summary import CYCLE_START
 from forceaxis.linear import posterior
 from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
@@ -353,9 +354,12 @@ def warnings(groups: Sequence[Group]) -> list[str]:
     found = []
     for group in groups:
         counts = counts_of(group.outcomes)
+        idle = sum(outcome.state == IDLE for outcome in group.outcomes)
+        late = counts.no_result - idle
         for number, what in (
             (counts.aborted, "aborted"),
-            (counts.no_result, "without the end of a cycle (duration_s may be too short)"),
+            (idle, f"without a cycle ({CYCLE_START})"),
+            (late, "without the end of a cycle (duration_s may be too short)"),
             (counts.failed, "failed"),
         ):
             if number:

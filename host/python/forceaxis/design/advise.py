@@ -44,7 +44,7 @@ from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.cases import ContactRun
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import FACTOR, NO_CHANGE, Change, Design, banked, changes, converter
-from forceaxis.design.grid import Goal
+from forceaxis.design.grid import Goal, goal_of_noise
 from forceaxis.design.outcome import DesignOrder
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.errors import ParameterError
@@ -413,7 +413,13 @@ class _Over:
         else:
             bench = simulate.ContactBench(design, design.facts.required_reading.bits)
             self.modes = for_set.plant_set(bench, DesignOrder("", self.over)).modes
-        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
+        self.goal = self.goal_of(design.facts.required_reading.bits)
+
+    def goal_of(self, bits: int) -> Goal:
+        """Returns the margins to keep with an ADC of `bits` bits, whose noise is that of the
+        model."""
+        goal = goal_of_noise(bits, self.design.noise_codes(bits))
+        return replace(goal, timings=(self.design.timing,))
 
     def problem(
         self, change: Change = NO_CHANGE, goal: Goal | None = None, random: int = reduced.RANDOM
@@ -430,7 +436,7 @@ class _Over:
         largest one that keeps the margins. Returns None if no gain keeps the margins."""
         spec = change.spec or LoopSpec(timing=self.design.timing)
         bits = change.firmware.get("adc_bits", self.goal.adc_bits)
-        goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
+        goal = replace(self.goal_of(bits), timings=(spec.timing,))
         try:
             found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
         except InputError:  # A plant of the set is unstable at every gain.
@@ -446,7 +452,7 @@ class _Over:
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
-            problem = self.problem(goal=replace(self.goal, adc_bits=bits))
+            problem = self.problem(goal=self.goal_of(bits))
             text = f"designed bank, {reduced.NAME}" + (f", ADC of {bits} bits" if finer else "")
             found = problem.designed()
             if found.worst:

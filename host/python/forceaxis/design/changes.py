@@ -343,12 +343,13 @@ def together(one: Change, other: Change) -> Change:
 
 def sampling(design: Design) -> list[Change]:
     """Returns the changes of the sampling rate, of the zero-order hold and of the latency. The loop
-    of a drive on a bus has to run once in each tick of 1/1500 s. For such a drive, only the latency
-    changes."""
+    of a drive on a bus, or with a converter that has a clock of its own, has to run once in each
+    tick of 1/1500 s. For such a loop, only the latency changes."""
     rate_hz = _core.TICKS_PER_SECOND
     rows = []
-    over_bus = not design.facts.bus.is_immediate
-    if design.timing != "continuous" and not over_bus:
+    reading, bus = design.facts.required_reading, design.facts.bus
+    in_ticks = not bus.is_immediate or reading.sampling is not None
+    if design.timing != "continuous" and not in_ticks:
         for text, factor in (("x 2", 2), ("/ 2", 0.5)):
             rows.append(
                 Change(
@@ -363,7 +364,7 @@ def sampling(design: Design) -> list[Change]:
         "zoh+1": "one tick more of delay" if design.timing == "zoh" else "hold and a tick of delay",
     }
     for timing in loops.TIMINGS:
-        if timing != design.timing and not (over_bus and timing == "continuous"):
+        if timing != design.timing and not (in_ticks and timing == "continuous"):
             is_sampled = timing != "continuous"
             rows.append(
                 Change(
@@ -447,8 +448,9 @@ def control(design: Design, frequency_hz: float | None) -> list[Change]:
         for text, section in laws
         if max(map(abs, section)) <= COEFFICIENT_MAX
     ]
-    sensor = design.facts.required_reading.signal.rpartition(".")[0]
-    if f"{sensor}.spring_force_rate" in design.facts.signals:
+    reading = design.facts.required_reading
+    sensor = reading.signal.rpartition(".")[0]
+    if f"{sensor}.spring_force_rate" in design.facts.signals and reading.sampling is None:
         spec = LoopSpec("derivative", design.timing, parameters={"derivative_s": derivative})
         text = f"derivative from a velocity-sensing sensor, T_d {derivative * 1e3:.3g} ms"
         rows.append(Change(text, "control", spec=spec, in_firmware=False, thesis="6.2.1"))

@@ -20,7 +20,7 @@ from forceaxis._core import InputError
 from forceaxis.design import friction, model_file, sets, simulate
 from forceaxis.design.cases import ContactCase
 from forceaxis.design.changes import Design
-from forceaxis.design.grid import Goal
+from forceaxis.design.grid import goal_of_noise
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.errors import ParameterError
@@ -167,7 +167,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
         motion_m = setpoint * motion(design)
         bits = order.bits or design.facts.required_reading.bits
         try:
-            problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
+            problem = ShortSearch(plants, goal_of_noise(bits, design.noise_codes(bits)), random=0)
         except InputError as error:  # One plant of the set of plants is unstable at every gain.
             nothing = None, None, None, None
             return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))

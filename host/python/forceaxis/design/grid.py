@@ -157,6 +157,13 @@ def hf_of_noise(adc_bits: int, noise_codes: float) -> float:
     return min(most, max(HF_DEFAULT, most / max(1.0, noise_codes)))
 
 
+def goal_of_noise(adc_bits: int, noise_codes: float | None) -> Goal:
+    """Returns the usual margins with the bound at high frequency that follows from the noise of the
+    measured force in ADC codes, rms. None means that the noise is not known."""
+    hf_gain = None if noise_codes is None else hf_of_noise(adc_bits, noise_codes)
+    return Goal(adc_bits=adc_bits, hf_gain=hf_gain)
+
+
 @dataclass
 class Grid:
     """Frequency responses of a set of plants on a grid of frequencies.

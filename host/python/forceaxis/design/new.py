@@ -672,6 +672,7 @@ def render(
             )
         context |= dict(
             f=first, target=target, approach_mm_per_s=1e3 * approach_m_per_s(axis),
+            most=GAIN_MOST, lowered=first.gain < first_gain(first.limit),
             speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
             acceleration=within("profile_acceleration_max",
                                 first.acceleration_m_per_s2 * count * TICK_S**2),

@@ -15,7 +15,7 @@ from forceaxis import _core
 from forceaxis.design import experiment_file, friction, reduced, sets, simulate
 from forceaxis.design.cases import SimulatedContact, why
 from forceaxis.design.changes import Design
-from forceaxis.design.grid import Goal, hf_of_noise
+from forceaxis.design.grid import goal_of_noise
 from forceaxis.design.new import CONTACT, MODEL, BankForAxis, NoBank
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, Contact, ContactBench, Plant
@@ -61,9 +61,7 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
     over = sets.workpiece(plant.model, plant.overrides)
     plants = sets.plant_set(plant.model, plant.overrides, over)
     bits = plant.facts.required_reading.bits
-    noise = plant.noise_codes(bits)
-    hf_gain = None if noise is None else hf_of_noise(bits, noise)
-    problem = ShortSearch(plants, Goal(adc_bits=bits, hf_gain=hf_gain))
+    problem = ShortSearch(plants, goal_of_noise(bits, plant.noise_codes(bits)))
     with phase("searching a bank for the set"):
         p, found = problem.worst(Bank(1.0)), problem.designed()
     if found.worst is None:

@@ -37,7 +37,6 @@ from forceaxis.design.cases import (
 )
 from forceaxis.design.changes import Design
 from forceaxis.design.experiment_file import ExperimentText, FirmwareValue, Impulse, Write
-from forceaxis.design.model_file import Given
 from forceaxis.design.new import first_gain, highest_gain
 from forceaxis.design.outcome import ContactLoss
 from forceaxis.errors import ParameterError
@@ -473,15 +472,10 @@ class ContactBench:
         return (far, 1.0) if far in self.facts.points else (near, -1.0)
 
     def gap_m(self) -> float:
-        """Returns the distance in m between the two bodies of the contact at the start of a run."""
-        places = {body.name: self._position_m(body.position) for body in self.design.tables.bodies}
-        near, far = self.facts.contacts[0].between
-        return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
-
-    def _position_m(self, given: Given | None) -> float:
-        if isinstance(given, str) and given.startswith("-"):
-            return -self._position_m(given[1:])
-        return self.design.value(given) or 0.0
+        """Returns the distance in m between the two surfaces of the contact at the start of a run.
+        It follows from the positions of the bodies and from the gap of the contact."""
+        plant = _core.Plant(str(self.design.model), dict(self.design.overrides))
+        return max(0.0, -float(plant.signal(f"{self.facts.contacts[0].name}.deflection")))
 
     def touch_s(self, case: ContactCase) -> float:
         """Returns the latest time of the first contact in s: the expected time plus a fifth."""

@@ -322,7 +322,15 @@ class Predictor:
         knots = knots_of(at_s, force)
         drawn = root_of(knots, error) @ rng.standard_normal(len(knots))
         moved = commands + float(np.abs(commands).max()) * np.interp(at_s, knots, drawn)
-        return np.asarray(np.clip(np.round(moved), -2048, 2047) if self.input == "code" else moved)
+        codes = np.clip(np.round(moved), *self._code_range)
+        return np.asarray(codes if self.input == "code" else moved)
+
+    @property
+    def _code_range(self) -> tuple[int, int]:
+        """Returns the smallest and the largest code of the DAC of the model."""
+        dac = self.inputs.converters.get("dac")
+        most = 1 << ((dac.bits if dac else 12) - 1)
+        return -most, most - 1
 
     def _enabled(self, ticks: int) -> NDArray[np.bool_] | None:
         """Returns an array that tells for each tick whether the recorded drive is enabled. Returns
@@ -342,7 +350,14 @@ class Predictor:
             at_s: Floats = self.start_s + ticks * TICK_S
             self._commands = self.recording.held(self.input, at_s) * self._per_command()
             if self.input == "code":
-                self._commands = np.clip(np.round(self._commands), -2048, 2047)
+                self._commands = np.round(self._commands)
+                low, high = self._code_range
+                if self._commands.min() < low or self._commands.max() > high:
+                    raise InputError(
+                        f"{self._where}: code: expected codes of the DAC of the model, {low} to "
+                        f"{high}, got {self._commands.min():g} to {self._commands.max():g}; import "
+                        "them in the resolution of this DAC"
+                    )
         return self._commands, self.input != "code"
 
     @property

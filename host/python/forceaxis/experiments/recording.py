@@ -3,18 +3,18 @@ The channel AXIS_1_STATE has what the gateway of this axis would publish, as far
 it, so that a monitor can replay the run."""
 
 import heapq
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from forceaxis import linear, paths, toml
+from forceaxis import paths
 from forceaxis.bus.lcm import blank
 from forceaxis.bus.log import LogEntry
 from forceaxis.bus.messages import axis_state_t, sim_truth_t
 from forceaxis.bus.recordings import writer_of
 from forceaxis.experiments.run import Run
-from forceaxis.linear import working
 from forceaxis.objects import BY_NAME
 
 TRUTH, STATE = "SIM_TRUTH", "AXIS_1_STATE"
@@ -48,15 +48,10 @@ def _run_id(done: Run) -> int:
 
 def _states(done: Run) -> Iterator[LogEntry]:
     """Yields the states of the axis. What the trace does not have is not available."""
-    held = linear.overrides([text for text in done.overrides if "." not in text.split("=")[0]])
-    facts = linear.facts(str(done.model), held)
-    reading, columns = facts.reading, done.columns
-    zero = scale = None
-    if reading is not None:
-        adcs = toml.read(linear.find_model(done.model))["adc"]
-        given = next(adc for adc in adcs if adc["channel"] == 0).get("zero_code", 0)
-        zero = working.number(given, facts.parameters)
-        scale = reading.per_count * 1e6 if facts.signals.get(reading.signal) == "N" else None
+    columns, converters = done.columns, done.result.converters
+    force, encoder, dac = (converters.get(name) for name in ("adc0", "encoder", "dac"))
+    # A gateway publishes whole codes of 12 bits, whatever the resolution of the DAC is.
+    step = 2.0 ** (12 - dac.bits) if dac else 1.0
     ticks = columns["tick"]
     for number, row in enumerate(range(0, len(ticks), STATE_TICKS)):
         state = blank(axis_state_t)
@@ -64,15 +59,16 @@ def _states(done: Run) -> Iterator[LogEntry]:
         state.utime, state.wall_utime = state.tick * 2000 // 3, _published_us(state.tick)
         state.seq, state.run_id = number, _run_id(done)
         state.axis, state.nmt_state, state.age_us = 1, axis_state_t.NMT_OPERATIONAL, 0
-        if facts.encoder is not None:
+        if encoder is not None:
             state.position_cnt = int(columns["encoder"][row])
-        if reading is not None and zero is not None:
-            counts = (int(columns["adc0"][row]) - zero) / 2 ** (reading.bits - 8)
+        if force is not None:
+            counts = (int(columns["adc0"][row]) - force.zero) / 2 ** (force.bits - 8)
             state.force_raw = int(columns["adc0"][row])
             state.force_cnt_q8 = round(256 * counts)
-        if scale is not None:
-            state.force_scale_uN = round(scale)
-        state.dac_code, state.fault = int(columns["dac"][row]), int(columns["fault"][row])
+            if force.unit == "N":
+                state.force_scale_uN = round(1e6 * force.per_code * 2 ** (force.bits - 8))
+        state.dac_code = math.floor(int(columns["dac"][row]) * step + 0.5)
+        state.fault = int(columns["fault"][row])
         state.limit_reason = int(columns["limit_reason"][row])
         yield LogEntry(state.wall_utime, STATE, state.encode())
 

@@ -277,9 +277,13 @@ NOT_STARTED = {
     "force_zero_code and force_tare",
     "halted": "the axis is halted; write a controlword without the halt bit",
 }
+# how an experiment starts the cycle whose program it names
+CYCLE_START = (
+    "an experiment starts one with modes_of_operation = -9 and, under [[at]], the controlwords 6, "
+    "7, 15 and 31 one after the other"
+)
 CYCLE_STATES = {
-    "idle": "no cycle was started; a cycle starts with modes_of_operation = -9 in [firmware], when "
-    "tables [[at]] have written the controlwords 6, 7, 15 and then 31",
+    "idle": f"no cycle was started: {CYCLE_START}",
     "running": "the cycle still runs at the end of the run",
     "evaluating": "the cycle has ended in the last tick of the run",
     **{state: f"no cycle was started: {why}" for state, why in NOT_STARTED.items()},

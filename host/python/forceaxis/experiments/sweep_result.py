@@ -85,7 +85,7 @@ class Boundary:
             self.note = (
                 f"no change: {low} from {search.low:g} to {search.high:g}"
                 if low == high
-                else f"no change: {low} at {search.low:g}, {high} at {search.high:g}"
+                else f"stable at neither end: {low} at {search.low:g}, {high} at {search.high:g}"
             )
             return
         self.searching = True

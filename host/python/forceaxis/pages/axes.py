@@ -11,7 +11,8 @@ from markupsafe import Markup
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
 from forceaxis.design.certificate import WorstFigures
-from forceaxis.design.grid import Goal
+from forceaxis.design.changes import Design
+from forceaxis.design.grid import goal_of_noise
 from forceaxis.experiments import sweep, sweep_plots
 from forceaxis.experiments.inputs import read_inputs
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
@@ -211,12 +212,16 @@ def words(model: Path) -> list[str]:
 
 
 def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
-    """Returns the P gain that keeps the usual margins over the set of plants. Also returns the
+    """Returns the P gain that keeps the usual margins over the set of plants, with the bound at
+    high frequency that follows from the noise of the model, as for a new axis. Also returns the
     worst margins over this set for the filter bank of each experiment. Raises InputError, for
     example if the model has no sensor."""
     plants = sets.plant_set(str(model))
     facts = linear.facts(model)
-    search = reduced.ShortSearch(plants, Goal(adc_bits=facts.required_reading.bits), random=0)
+    bits = facts.required_reading.bits
+    with Design(str(model)) as plant:
+        goal = goal_of_noise(bits, plant.noise_codes(bits))
+    search = reduced.ShortSearch(plants, goal, random=0)
     recommended = search.worst(Bank(1.0))
     banks = []
     for entry in entries:

@@ -48,7 +48,7 @@ UNITS = {
     "speed": "m/s",
     "current": "A",
     "torque": "N m",
-    "code": "count",  # DAC code of the firmware, -2048 to 2047
+    "code": "count",  # code of the DAC of the model, -2048 to 2047 at 12 bits
     "enabled": "1",  # value 1 while the drive is enabled, 0 while it is disabled
     "voltage_command": "V",
     "speed_command": "m/s",
