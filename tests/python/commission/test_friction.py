@@ -20,6 +20,7 @@ from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
 from forceaxis.cli.response_text import describe_response
 from forceaxis.commission import (
+    analyzer,
     friction,
     friction_models,
     known,
@@ -987,13 +988,44 @@ def test_a_force_that_friction_moves_to_and_fro_says_so(tmp_path):
     )  # fmt: skip
     folder = tmp_path / "slide"
     new.write(folder, *data_sheet.collect({key: str(value) for key, value in given.items()}))
-    done = verbs.forceaxis(
-        "tune", "--on", f"sim:{folder / 'contact.toml'}", "--model", folder / "model.toml",
-        "--force", "10,25", "--force-max", "45", "--over", "k_w=30%", "--out", tmp_path / "out",
-    )  # fmt: skip
-    line = done.stderr.splitlines()[-1]
-    assert done.returncode == 1 and line.startswith("forceaxis: contact: "), done.stderr
+    order = tune.TuningOrder(
+        str(folder / "model.toml"), (10.0, 25.0), ("k_w=30%",), force_max_N=45.0
+    )
+    with Axis(SimLink(folder / "contact.toml", drawn_axes.DELIVERED)) as axis:
+        work = tune.Tuning(axis, order, tmp_path / "out")
+        for step in ("check", "free"):
+            work.run(step)
+        with pytest.raises(Refusal, match=r"contact: .* reduce the friction .* larger `forces`"
+                           ) as refused:  # fmt: skip
+            work.run("measure")
     said = r"with a set-point of (\S+) N the force was at last (\S+) to (\S+) N"
-    target, low, high = map(float, re.search(said, line).groups())
+    target, low, high = map(float, re.search(said, refused.value.text).groups())
     assert low < target < high and high - low > 0.05 * target
-    assert "reduce the friction" in line and "larger --force" in line
+    # The drive integrates itself, so the same command measures with a law without integral.
+    assert refused.value.law.bank.integral_rad_per_s == 0
+    assert refused.value.law.bank.force_gain > 0
+
+
+def test_a_distortion_that_stays_ends_the_search_for_another_amplitude():
+    """With dry friction, the distortion counted as noise; a bound of the force that the same
+    amplitude then exceeded began the search again, for ever."""
+    tried = []
+
+    def realisations(level, _):
+        tried.append(level.amplitude)
+        assert len(tried) < 50
+        if not work._takes_distortion:
+            level.distorted = 100.0
+            raise analyzer.Ended("distorted")
+        if level.amplitude > 64:
+            raise analyzer.Ended("ended_force")
+        raise LookupError  # the responses are taken
+
+    reduced = lambda level, amplitude, ended: amplitude // 2  # noqa: E731
+    work = SimpleNamespace(
+        _reductions_max=6, _realisations=realisations, _takes_distortion=False, _reduce=reduced,
+        say=lambda text: None,
+    )  # fmt: skip
+    with pytest.raises(LookupError):
+        analyzer.Analyzer._measure(work, SimpleNamespace(amplitude=256, distorted=0.0), None)
+    assert tried == [256, 128, 256, 128, 64]

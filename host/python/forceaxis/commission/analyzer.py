@@ -104,6 +104,13 @@ STANDSTILL_CNT = 4  # largest change of the position in encoder counts at stands
 CODE_NOISE = 5.0
 
 
+class Unsettled(Refusal):
+    """Refusal: the force in contact does not come to rest."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__("contact", text)
+
+
 class FewChanges(Refusal):
     """Refusal: the position changes too rarely, so that the cycle of the bus cannot be seen."""
 
@@ -480,9 +487,13 @@ class Analyzer:
             except Ended as ended:
                 if ended.reason == "distorted":
                     distorted.append((level.amplitude, level.distorted))
-                stays = len(distorted) > 1 and (
-                    distorted[-1][1] > DISTORTION_FALL * distorted[-2][1]
-                    or len(distorted) == self._reductions_max
+                stays = (
+                    ended.reason == "distorted"
+                    and len(distorted) > 1
+                    and (
+                        distorted[-1][1] > DISTORTION_FALL * distorted[-2][1]
+                        or len(distorted) == self._reductions_max
+                    )
                 )
                 if stays:
                     level.amplitude, self._takes_distortion = distorted[0][0], True
@@ -822,8 +833,7 @@ class Analyzer:
             away_N = max(abs(now - target_N), self.newton)
             if away_N < APPROACHES_SHARE * least_N:
                 passed, least_N = 0.0, away_N
-        raise Refusal(
-            "contact",
+        raise Unsettled(
             f"expected a force that comes nearer to its set-point within {timeout_s:g} s, or that "
             f"settles, got: {self.axis.about()}{_unsettled(forces_N, target_N)}",
         )

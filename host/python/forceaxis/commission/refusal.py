@@ -2,6 +2,7 @@
 
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
+from forceaxis.linear.bank import BankKeys
 
 # Faults that occur if the owner of the axis does not write in time.
 ORPHANED = ("heartbeat_lost", "source_lost")
@@ -25,15 +26,16 @@ class Refusal(Exception):
 
 
 class MeasureAgain(Refusal):
-    """A refusal that goes away if the responses are measured again, with the band `band_hz` in Hz
-    or with `averages` realisations. None, 0: as before. `why` is a sentence for the user."""
+    """A refusal that goes away if the responses are measured again, with the band `band_hz` in Hz,
+    with `averages` realisations, or with the force law `law`. None, 0: as before. `why` is a
+    sentence for the user."""
 
     def __init__(
-        self, name: str, text: str, why: str, band_hz: tuple[float, float] | None = None,
-        averages: int = 0,
+        self, name: str, text: str, why: str, *, band_hz: tuple[float, float] | None = None,
+        averages: int = 0, law: BankKeys | None = None,
     ) -> None:  # fmt: skip
         super().__init__(name, text)
-        self.why, self.band_hz, self.averages = why, band_hz, averages
+        self.why, self.band_hz, self.averages, self.law = why, band_hz, averages, law
 
 
 def of_link(axis: Axis, error: Exception) -> Refusal:

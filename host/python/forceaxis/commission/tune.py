@@ -362,14 +362,8 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     integral rate. Raises Refusal if the gain is so small that the command for the smallest
     set-point is rounded to 0.
     """
-    model = str(tuning.model)
-    values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
-    factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
-    members = [
-        Member({n: f * values[n] for n, f in zip(values, row, strict=True)}, tuning.states)
-        for row in factors
-    ]
-    grids = [Grid(PlantSet(model), [member], ("zoh+1",)) for member in members]
+    model, members = str(tuning.model), _measured_members(tuning)
+    grids = _measured_grids(tuning, members)
     law = _fast_law(tuning, members, grids)
     if law.largest_ms(grids) > MS_MEASURING:
         damped = [_largest_law(grids, Bank(1.0, rate, sections=sections))
@@ -382,6 +376,45 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
         raise Refusal("dead_zone", why)
     _expect_resolution(tuning)
     return bank, law.highest_hz
+
+
+def _measured_members(tuning: TuningFolder) -> list[Member]:
+    """Returns the plants of the prior knowledge, for which a measurement has to be stable."""
+    values = {n: r[0] for n, r in plant_set.ranges_of(str(tuning.model), tuning.order.over).items()}
+    factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
+    return [
+        Member({n: f * values[n] for n, f in zip(values, row, strict=True)}, tuning.states)
+        for row in factors
+    ]
+
+
+def _measured_grids(tuning: TuningFolder, members: list[Member]) -> list[Grid]:
+    return [Grid(PlantSet(str(tuning.model)), [member], ("zoh+1",)) for member in members]
+
+
+def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
+    """Measures the responses in contact. A drive that integrates reaches the set-point without the
+    integral of the law, which dry friction lets move the force to and fro: if the force does not
+    come to rest, the responses are measured again with a law without integral."""
+    try:
+        return tune_measure.measure(tuning, checked, free)
+    except analyzer.Unsettled as refusal:
+        bank = _law_without_integral(tuning) if checked.law.bank.integral_rad_per_s else None
+        if bank is None:
+            raise
+        why = "the force does not come to rest: it is measured with a law without integral"
+        raise MeasureAgain(refusal.name, refusal.text, why, law=bank.keys()) from None
+
+
+def _law_without_integral(tuning: TuningFolder) -> Bank | None:
+    """Returns a P law for the measurement, or None if with it a force error would remain."""
+    model = tuning.model
+    if not known.has_integral(model, known.INTEGRAL_BAND_HZ):
+        return None
+    bank = _largest_law(_measured_grids(tuning, _measured_members(tuning)), Bank(1.0)).bank
+    bank = bank.quantised()
+    dead = linear.facts(str(model)).dead_law(bank.gain_at_rest(), min(tuning.order.forces))
+    return None if dead else bank
 
 
 @dataclass(frozen=True)
@@ -698,7 +731,7 @@ def verify(
         _restore_earlier_law(tuning)
         text = f"{refusal.text}; {EARLIER_LAW_AGAIN}"
         if isinstance(refusal, MeasureAgain):
-            raise MeasureAgain(refusal.name, text, refusal.why, refusal.band_hz) from None
+            raise MeasureAgain(refusal.name, text, refusal.why, band_hz=refusal.band_hz) from None
         raise Refusal(refusal.name, text) from None
     return Verified(levels)
 
@@ -850,9 +883,7 @@ FREE = TuningStep(
     "free", tune_measure.free, FolderFile("free.json", StepFile[FreeResponse]), ("check",),
     tune_measure.free_line,
 )  # fmt: skip
-MEASURE = TuningStep(
-    "measure", tune_measure.measure, MEASURED, ("check", "free"), tune_measure.measure_line
-)
+MEASURE = TuningStep("measure", measure, MEASURED, ("check", "free"), tune_measure.measure_line)
 FIT = TuningStep(
     "fit", tune_fit.fit, FolderFile("fit.json", StepFile[Fitted]), ("free", "measure"),
     tune_fit.fit_line,
@@ -1048,7 +1079,7 @@ class Tuning(TuningFolder):
         held = CHECK.file.required(self.folder)
         checked = replace(
             held.result, band_hz=refusal.band_hz or held.result.band_hz,
-            averages=refusal.averages or held.result.averages,
+            averages=refusal.averages or held.result.averages, law=refusal.law or held.result.law,
         )  # fmt: skip
         CHECK.file.write(self.folder, replace(held, result=checked))
         self._file(MEASURE.name).unlink(missing_ok=True)
