@@ -49,6 +49,7 @@ def cycle() -> None:
     results, and see how good the process is.
 
     All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
+    The command for recorded curves also takes a program alone, because it moves nothing.
     The experiment names the model of press and part, the program, the parameters of the axis, and
     the time at which the cycle starts. `--program` tries another program with the same press.
     """
@@ -111,17 +112,23 @@ def expect_picture(plot: Path | None) -> None:
         raise ParameterError("plot", f"{plot}: expected a file ending in .png, .svg or .pdf")
 
 
-def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return a fraction from 0 to 1 as a number, from a text such as "1%" or "0.01". Raises
-    InputError for other texts."""
-    if text is None:
-        return None
+def fraction(text: str) -> float | None:
+    """Return a fraction between 0 and 1 as a number, from a text such as "1%" or "0.01". Return
+    None for other texts."""
     digits, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
         value = number(digits) / (100 if percent else 1)
     except ValueError:
-        value = -1.0
-    if not 0 < value < 1:
+        return None
+    return value if 0 < value < 1 else None
+
+
+def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
+    """Return the fraction of --propose as a number. Raises InputError."""
+    if text is None:
+        return None
+    value = fraction(text)
+    if value is None:
         raise InputError(
             f"--propose: {text}: expected the fraction of good parts to refuse, such as 1% or 0.01"
         )
