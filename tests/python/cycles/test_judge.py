@@ -288,6 +288,81 @@ def simulated(name, overrides, extra=()):
     return done.result.cycle, recording(done.time_s, found["force"], found["position"], **traced)
 
 
+TARED = """
+title = "A tare, a table of force and a press that deflects"
+compliance_force = ["0 N", "500 N"]
+compliance_deflection = ["0 mm", "0.2 mm"]
+
+[[phase]]
+name = "tare"
+do = "tare"
+tare_time = "0.1 s"
+force_max = "50 N"
+travel_max = "1 mm"
+time_max = "1 s"
+end = [{ when = "reached", next = "approach" }]
+
+[[phase]]
+name = "approach"
+do = "approach"
+distance = "12 mm"
+speed = "20 mm/s"
+force_max = "150 N"
+travel_max = "13 mm"
+time_max = "3 s"
+end = [{ when = "contact", next = "press" }]
+
+[[phase]]
+name = "press"
+do = "follow"
+table_x = [0, 1.0, 1.5]
+table_force = ["10 N", "120 N", "60 N"]
+slope = "200 N/s"
+force_max = "150 N"
+travel_max = "6 mm"
+time_max = "3 s"
+end = [{ when = "reached", next = "end" }]
+"""
+TARED_ELEMENTS = """
+[[element]]
+name = "depth"
+kind = "at"
+phases = ["press"]
+of = "force"
+level = "80 N"
+
+[[element]]
+name = "no_load"
+kind = "valley"
+phases = ["approach"]
+
+[[element]]
+name = "impulse"
+kind = "work"
+phases = ["tare", "approach", "press"]
+over = "time"
+
+[[element]]
+name = "end"
+kind = "last"
+phases = ["press"]
+"""
+
+
+def test_a_curve_with_a_tare_has_the_values_that_the_firmware_found(tmp_path):
+    """The sensor shows force_tare and noise. The first sample of the cycle is one of the tare."""
+    (tmp_path / "tared.toml").write_text(TARED + TARED_ELEMENTS)
+    overrides = ("firmware.tare_band=8", "firmware.force_tare=0.4", "force_noise=0.3 N",
+                 f"experiment.cycle={tmp_path / 'tared.toml'}")  # fmt: skip
+    report, made = simulated("press_fit", overrides)
+    tare_N = round(0.4 * 256) * 0.01  # 0.4 force counts, in 1/256 counts of 0.01 N
+    made = changed(made, force={"values": made["force"].values - tare_N})
+    press = judge.JudgePress(EXPERIMENTS / "press_fit.toml", None, overrides)
+    judged = judge.judge(press, made, "part")
+    assert report.state == judged.record.state == "good"
+    assert [e.value for e in judged.record.elements] == [f.value for f in report.figures]
+
+
 @pytest.mark.parametrize(("name", "overrides"), PARTS)
 def test_a_curve_has_the_values_that_the_firmware_found(name, overrides):
     report, made = simulated(name, overrides)
@@ -524,7 +599,13 @@ REFUSED = [
     (lambda m: replace(m, signals=(*m, signal("cycle_phase", m["force"].time_s, m["force"].values),
                                    signal("cycle_state", m["force"].time_s, m["force"].values))),
      "expected 1500 samples per second, one for each tick of the axis, got 1000"),
+    (lambda m: traced_from_the_start(), "begins before the cycle, but the cycle runs in its first"),
 ]  # fmt: skip
+
+
+def traced_from_the_start():
+    time_s = np.arange(100) / 1500
+    return recording(time_s, time_s, time_s, cycle_phase=np.zeros(100), cycle_state=np.ones(100))
 
 
 def with_phase(made, values):

@@ -4,6 +4,7 @@ and teach, proposals, and the one line of each wrong input."""
 import csv
 import json
 import random
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -150,6 +151,50 @@ def test_of_a_recording_of_the_axis_the_ends_of_its_sensor_are_known(tmp_path):
     assert "cycle        Press-fit of a bearing: good" in text
     text = judged(tmp_path, "press_fit", "own.npz", "--force-range", "0N..399.6N")
     assert "seating_force is invalid" in text
+
+
+CODES = ("force=adc0:0.01N", "position=encoder:1um", "cycle_phase=cycle_phase:1",
+         "cycle_state=cycle_state:1")  # fmt: skip
+
+
+@pytest.mark.parametrize(("changed", "overrides", "text"), [
+    ({}, (), None),
+    ({0: "force=adc0:0.1N"}, (), "force: expected 0.01 N for a count of adc0, as in the"),
+    ({1: "position=encoder:1mm"}, (), "position: expected 0.001 mm for a count of encoder"),
+    ({}, ("force_tare = 0.4",), "codes of adc0, which do not have the force_tare of the experi"),
+])  # fmt: skip
+def test_the_scales_of_a_trace_are_those_of_its_experiment(tmp_path, changed, overrides, text):
+    experiment = tomlkit.parse((EXPERIMENTS / "press_fit.toml").read_text())
+    del experiment["expect"]
+    for key in ("model", "cycle"):
+        experiment[key] = str((EXPERIMENTS / experiment[key]).resolve())
+    for line in overrides:
+        experiment["firmware"] |= tomlkit.parse(line)
+    (tmp_path / "e.toml").write_text(tomlkit.dumps(experiment))
+    assert forceaxis("run", "e.toml", "--out", "out", cwd=tmp_path).returncode == 0
+    maps = [changed.get(k, one) for k, one in enumerate(CODES)]
+    done = forceaxis("cycle", "judge", "e.toml", "out/trace.csv", "--map", ",".join(maps),
+                     cwd=tmp_path)  # fmt: skip
+    if text is None:
+        assert "cycle        Press-fit of a bearing: good" in done.stdout
+    else:
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert text in done.stderr
+
+
+def test_an_order_by_letters_of_numbered_curves_is_said(folder, tmp_path):
+    """A shell gives 10.npz before 2.npz."""
+    for number in (1, 2, 9, 10, 11):
+        shutil.copy(folder / "part1.npz", tmp_path / f"{number}.npz")
+    shutil.copy(folder / "bush.toml", tmp_path)
+    names = sorted(path.name for path in tmp_path.glob("*.npz"))
+    text = judged(tmp_path, "bush.toml", *names, *COUNTS)
+    assert (
+        "warning      11.npz was given before 2.npz: give the curves in the order of the parts"
+        in text
+    )
+    by_number = sorted(names, key=lambda name: int(name[:-4]))
+    assert "was given before" not in judged(tmp_path, "bush.toml", *by_number, *COUNTS)
 
 
 WRONG = [

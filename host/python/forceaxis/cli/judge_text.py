@@ -1,5 +1,8 @@
 """Text that `forceaxis cycle judge` prints on a terminal."""
 
+import re
+from itertools import pairwise
+
 from forceaxis.cli.cycle_text import (
     Rows,
     element_cells,
@@ -88,6 +91,20 @@ def change_rows(judged: Judged, drift: Drift) -> Rows:
     ]
 
 
+def order_rows(files: list[str]) -> Rows:
+    """Return a row (key, text) about numbered files that are in the order of their letters, such as
+    10.npz before 2.npz. A shell gives them so."""
+    if files != sorted(files):
+        return []
+    for one, after in pairwise(files):
+        words = [re.sub(r"\d+", "1", file) for file in (one, after)]
+        numbers = [[int(part) for part in re.findall(r"\d+", file)] for file in (one, after)]
+        if words[0] == words[1] and numbers[0] > numbers[1]:
+            text = f"{one} was given before {after}: give the curves in the order of the parts"
+            return [("warning", text)]
+    return []
+
+
 def shown(key: str, lines: list[str]) -> Rows:
     """Return rows (key, text) for at most SHOWN lines, and a row with the number of the others."""
     found = [(key, line) for line in lines[:SHOWN]]
@@ -114,7 +131,8 @@ def rows(
             "invalid", [f"{one.file}: {note}" for one in parts for note in one.record.notes]
         )
         found += [row for row in statistics_rows(statistics) if row[0] not in ("program", "source")]
-        found += [*drift_rows(drift), *change_rows(judged, drift)]
+        found += [*drift_rows(drift), *order_rows([one.file for one in parts])]
+        found += change_rows(judged, drift)
     if any("saturated" in note for part in judged.parts for note in part.record.notes):
         found.append(
             ("note", "if the saturated values are true ones, give --force-range and --travel-range")

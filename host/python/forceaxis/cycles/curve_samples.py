@@ -236,15 +236,29 @@ def _labels(
                 f"one for each tick of the axis, got {times.rate_hz:g}; record every tick, or "
                 "import the phases as a signal phase"
             )
-        # A traced value is that after the tick. A sample belongs to the phase of the tick before.
-        before_s = at_s - 1 / times.rate_hz
-        is_running = recording.held(TRACED_STATE, before_s) == RUNNING
-        is_running[0] = False
-        return np.where(is_running, _whole(recording, where, TRACED_PHASE, before_s), NO_PHASE)
+        return _traced_labels(recording, where, at_s, 1 / times.rate_hz)
     if PHASE in recording:
         found = _whole(recording, where, PHASE, at_s)
         return np.where(found < 0, NO_PHASE, found)
     return None if phase is None else np.full(len(at_s), phase)
+
+
+def _traced_labels(
+    recording: SignalRecording, where: str, at_s: Floats, period_s: float
+) -> Integers:
+    """Returns the phases of _labels() from the objects of the firmware."""
+    is_running = recording.held(TRACED_STATE, at_s) == RUNNING
+    if is_running[0]:
+        raise InputError(
+            f"{where}: {TRACED_STATE}: expected a recording that begins before the cycle, but the "
+            "cycle runs in its first sample; record earlier"
+        )
+    # A traced value is that after the tick. A sample belongs to the phase of the tick before, and
+    # the first sample of a cycle to its first phase.
+    before_s = at_s - period_s
+    ran_before = recording.held(TRACED_STATE, before_s) == RUNNING
+    labels = np.where(ran_before, _whole(recording, where, TRACED_PHASE, before_s), NO_PHASE)
+    return np.where(is_running & ~ran_before, 0, labels)
 
 
 def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> Integers:

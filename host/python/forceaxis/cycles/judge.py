@@ -36,6 +36,10 @@ from forceaxis.words import counted
 
 INVALID = "invalid"  # verdict of an evaluation element with a sample that is not valid
 SAMPLES_INVALID = "samples_invalid"
+# largest relative difference between the size of a count of a recording and of the experiment
+SCALE_TOLERANCE = 0.01
+# Objects that are not in the codes of the force sensor.
+OFFSETS = ("force_zero_code", "force_tare")
 OPEN = (-math.inf, math.inf)
 AFTER_END = 255  # phase of the samples after the end of the cycle
 # Conditions that depend on more than force, travel and time.
@@ -101,6 +105,32 @@ class JudgePress:
         if self.counts is None:
             return self.at(_core.TICKS_PER_SECOND)
         return next(iter(self._judges.values()))
+
+    def expect_scales(self, recording: SignalRecording, where: str) -> None:
+        """Raises InputError if the recording of the axis itself has other sizes of counts than the
+        experiment, or codes of a force that have an offset."""
+        if self.counts is not None or not curve_samples.is_traced(recording):
+            return
+        known = _core.inputs(self.file, list(self.overrides))
+        for signal in recording:
+            converter = known["converters"].get(signal.column)
+            if signal.name not in curve_samples.UNITS or converter is None:
+                continue
+            wanted = abs(converter["per_code"])
+            if abs(signal.factor / wanted - 1) > SCALE_TOLERANCE:
+                raise InputError(
+                    f"{where}: {signal.name}: expected {quantity(wanted, signal.unit)} for a count "
+                    f"of {signal.column}, as in the experiment, got "
+                    f"{quantity(signal.factor, signal.unit)}; import it with this size, or give "
+                    "the experiment of this axis"
+                )
+            offsets = [name for name in OFFSETS if known["firmware"].get(name)]
+            if signal.name == "force" and offsets:
+                raise InputError(
+                    f"{where}: force: expected the measured force, got the codes of "
+                    f"{signal.column}, which do not have the {' and '.join(offsets)} of the "
+                    "experiment; import a column of the force itself"
+                )
 
     def ranges_of(self, recording: SignalRecording) -> Ranges:
         """Returns the ranges of the sensors of a recording. A recording of the axis itself needs
@@ -207,6 +237,7 @@ def judge(
     `phase`: name of the phase of all samples if the recording names no phases, or None for the
     phases of the program. Raises InputError, ParameterError."""
     times = curve_samples.times_of(recording, where)
+    press.expect_scales(recording, where)
     judge = press.at(times.rate_hz)
     program = judge.program()
     if program.zero == "touch":
