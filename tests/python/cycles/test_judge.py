@@ -622,6 +622,22 @@ def test_a_recording_that_is_no_curve_is_refused(press, change, text):
     assert str(found.value).startswith("part.npz: ")
 
 
+def test_times_in_a_wrong_unit_are_said_of_the_curve_and_not_of_the_program(press):
+    made = bush()
+    fast = changed(made, **{name: {"time_s": 1e-9 * made[name].time_s} for name in made.names})
+    with pytest.raises(
+        InputError, match=r"^part: expected a curve .* got 1e\+12 samples per second"
+    ):
+        judge.judge(press, fast, "part")
+
+
+def test_an_error_of_the_program_is_said_of_the_program(tmp_path):
+    program = tomlkit.parse(tomlkit.dumps(PRESS))
+    program["phase"][0]["end"][0]["next"] = "nowhere"
+    with pytest.raises(InputError, match=r"program\.toml: phase\[0\]\.end\[0\]\.next: expected"):
+        judge.judge(press_of(tmp_path, program), bush(), "part")
+
+
 def test_a_phase_that_ends_on_what_a_curve_does_not_show_needs_a_signal_of_the_phases():
     press = judge.JudgePress(EXPERIMENTS / "press_fit.toml")
     with pytest.raises(

@@ -238,7 +238,7 @@ def judge(
     phases of the program. Raises InputError, ParameterError."""
     times = curve_samples.times_of(recording, where)
     press.expect_scales(recording, where)
-    judge = press.at(times.rate_hz)
+    judge = _judge_of(press, times.rate_hz, where)
     program = judge.program()
     if program.zero == "touch":
         _expect_contact(judge, "travel 0 of the program is the first contact")
@@ -259,6 +259,19 @@ def judge(
         phases=_spans(ticks, program),
         record=_record(press, program, report, ticks, Path(where).stem, number),
     )
+
+
+def _judge_of(press: JudgePress, rate_hz: float, where: str) -> "_core.CurveJudge":
+    """Returns the program at the rate of a curve. Raises InputError, which names the curve if the
+    program is right at the rate of an axis."""
+    try:
+        return press.at(rate_hz)
+    except InputError as error:
+        press.read(press.file, _core.TICKS_PER_SECOND)
+        raise InputError(
+            f"{where}: expected a curve with the samples that the program needs, got {rate_hz:g} "
+            f"samples per second; check the unit of its times ({error})"
+        ) from None
 
 
 @dataclass(frozen=True)
