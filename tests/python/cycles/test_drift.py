@@ -161,7 +161,7 @@ def worn(press, seed, wear_mm_per_part):
 def test_wear_after_the_hundredth_part_is_found(tmp_path):
     """The shoulder moves by 2 um from part to part, a tenth of the deviation of the parts."""
     judged = worn(press_of(tmp_path, PRESS), 45, 0.002)
-    found = drift.drift(judge.series_of(judged.records), 0.01, 50)
+    found = drift.drift(drift.series_of(judged.records), 0.01, 50)
     assert found.false_alarms <= 0.01
     by_name = {element.name: element for element in found.elements}
     shoulder = by_name["shoulder"]
@@ -174,4 +174,4 @@ def test_wear_after_the_hundredth_part_is_found(tmp_path):
 
 def test_a_series_without_wear_is_not_flagged(tmp_path):
     judged = worn(press_of(tmp_path, PRESS), 46, 0.0)
-    assert not drift.drift(judge.series_of(judged.records), 0.01, 50).is_found
+    assert not drift.drift(drift.series_of(judged.records), 0.01, 50).is_found

@@ -4,13 +4,17 @@ and teach, proposals, and the one line of each wrong input."""
 import csv
 import json
 import random
+import re
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import tomlkit
 from forceaxis.cycles import live
-from forceaxis.cycles.records import read_parts
+from forceaxis.cycles.part import ElementFigure
+from forceaxis.cycles.record import PartRecord
+from forceaxis.cycles.records import RecordFolder, read_parts
 from forceaxis.recordings import signal_recording
 from judged_curves import saturation, without
 from test_judge import EXPERIMENTS, PRESS, bush, held_sample, simulated
@@ -119,6 +123,29 @@ def test_records_of_curves_are_those_that_statistics_and_teach_read(tmp_path):
     done = forceaxis("cycle", "teach", "press_fit", "records", "--propose", "1%", "-o", "new.toml",
                      cwd=tmp_path)  # fmt: skip
     assert "expected at least 599 good parts" in done.stderr
+
+
+def test_records_of_a_series_are_tested_for_wear(tmp_path):
+    """The hundred parts of a folder; those after the sixtieth have another shoulder."""
+    rng = np.random.default_rng(3)
+    with RecordFolder(tmp_path / "records") as into:
+        for number in range(1, 101):
+            value = rng.normal(3e-3, 2e-5) + 1e-4 * (number > 60)
+            figure = ElementFigure("shoulder", "at", "good", value, "m", 2e-3, 4e-3)
+            state = "aborted" if number == 40 else "good"
+            into.add(PartRecord(number, state=state, serial=f"S{number}", elements=[figure]))
+    words = ("cycle", "statistics", "records", "--false-alarms", "1%")
+    text = forceaxis(*words, cwd=tmp_path).stdout
+    assert "shoulder      99  " in text
+    assert re.search(
+        r"warning      shoulder rises from part (\d\d) \(S\1\) on, found at part 6", text
+    )
+    assert "in at most 0.9" in text
+    found = json.loads(forceaxis(*words, "--json", cwd=tmp_path).stdout)["drift"]
+    assert 60 < found["elements"][0]["found_at"] < 70
+    assert "drift" not in forceaxis(*words[:3], cwd=tmp_path).stdout
+    done = forceaxis(*words, "--reference", "3", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
 def test_bounds_from_good_curves_refuse_the_stated_share(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -9,6 +10,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import (
+    Callback,
     File,
     Folder,
     Slow,
@@ -133,6 +135,35 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
             f"--propose: {text}: expected the fraction of good parts to refuse, such as 1% or 0.01"
         )
     return value
+
+
+def _false_alarms(
+    context: click.Context, option: click.Parameter, text: str | None
+) -> float | None:
+    """Return the share of --false-alarms as a number. Raises InputError."""
+    found = None if text is None else fraction(text)
+    if text is not None and found is None:
+        raise InputError(f"--false-alarms: {text}: expected a share of series, such as 1% or 0.01")
+    return found
+
+
+def drift_options(default: str | None) -> Callable[[Callback], Callback]:
+    """Return a decorator that adds the options of the test for wear and drift to a command.
+    `default`: default of --false-alarms, or None if the test needs this option."""
+
+    def add(verb: Callback) -> Callback:
+        verb = click.option(
+            "--reference", type=int, default=30, show_default=True,
+            help="Number of first parts with which later ones are compared for wear and drift.",
+        )(verb)  # fmt: skip
+        return click.option(
+            "--false-alarms", metavar="SHARE", default=default, show_default=default is not None,
+            callback=_false_alarms,
+            help="Test for wear and drift: the largest share of series without a change in which "
+            "it finds one.",
+        )(verb)  # fmt: skip
+
+    return add
 
 
 @cycle.command(

@@ -10,21 +10,13 @@ import click
 from forceaxis import _core, paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import File, Folder, Slow, Subject, as_json, print_json, show
-from forceaxis.cli.cycle import cycle, fraction, program_option, rate
+from forceaxis.cli.cycle import cycle, drift_options, program_option, rate
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.cycles.judge import Counts
     from forceaxis.recordings.signal_recording import SignalRecording
-
-
-def false_alarms(context: click.Context, option: click.Parameter, text: str) -> float:
-    """Return the share of false alarms as a number. Raises InputError."""
-    found = fraction(text)
-    if found is None:
-        raise InputError(f"--false-alarms: {text}: expected a share of series, such as 1% or 0.01")
-    return found
 
 
 def size(name: str, text: str | None, unit: str) -> float | None:
@@ -125,14 +117,7 @@ def read_curve(
 )  # fmt: skip
 @click.option("--time", metavar="COLUMN[:UNIT]", help="With --map: column of the times.")
 @click.option("--rate", "rate_hz", type=float, help="With --map: rate of the samples in Hz.")
-@click.option(
-    "--false-alarms", metavar="SHARE", default="1%", show_default=True, callback=false_alarms,
-    help="Largest share of series without a change in which the test finds one.",
-)  # fmt: skip
-@click.option(
-    "--reference", type=int, default=30, show_default=True,
-    help="Number of first parts with which later ones are compared.",
-)  # fmt: skip
+@drift_options(default="1%")
 @click.option(
     "--propose", metavar="RATE", callback=rate,
     help="All curves are good parts: propose bounds that refuse this share of them. Needs -o.",
@@ -214,7 +199,7 @@ def judge(
         proposal = judge.teach(known, judged, propose, write)
     parts = records.RecordedParts(counted_curves(curves), judged.records)
     found = capability.statistics(parts)
-    series = drift.drift(judge.series_of(judged.records), false_alarms, reference)
+    series = drift.drift(drift.series_of(judged.records), false_alarms, reference)
     if out is not None:
         with records.RecordFolder(out) as folder:
             for record in judged.records:

@@ -77,14 +77,13 @@ def drift_rows(drift: Drift) -> Rows:
     return rows
 
 
-def change_rows(judged: Judged, drift: Drift) -> Rows:
-    """Return the rows (key, text) that name the curves from which on an element has changed."""
-    files = [part.file for part in judged.parts]
+def change_rows(drift: Drift, names: list[str]) -> Rows:
+    """Return the rows (key, text) that name the parts from which on an element has changed."""
     return [
         (
             "warning",
-            f"{one.name} {one.direction} from {files[one.since - 1]} on, found at "
-            f"{files[one.found_at - 1]}: look for wear and drift",
+            f"{one.name} {one.direction} from {names[one.since - 1]} on, found at "
+            f"{names[one.found_at - 1]}: look for wear and drift",
         )
         for one in drift.elements
         if one.found_at is not None and one.since is not None
@@ -131,8 +130,8 @@ def rows(
             "invalid", [f"{one.file}: {note}" for one in parts for note in one.record.notes]
         )
         found += [row for row in statistics_rows(statistics) if row[0] not in ("program", "source")]
-        found += [*drift_rows(drift), *order_rows([one.file for one in parts])]
-        found += change_rows(judged, drift)
+        files = [one.file for one in parts]
+        found += [*drift_rows(drift), *order_rows(files), *change_rows(drift, files)]
     if any("saturated" in note for part in judged.parts for note in part.record.notes):
         found.append(
             ("note", "if the saturated values are true ones, give --force-range and --travel-range")

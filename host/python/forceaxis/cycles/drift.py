@@ -28,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from forceaxis.cycles.outcome import ABORTED
+from forceaxis.cycles.record import PartRecord, measured
 from forceaxis.errors import ParameterError
 
 STEP = 0.05  # one step of scores and sums, in standard deviations
@@ -90,6 +92,19 @@ class Drift:
     def is_found(self) -> bool:
         """True if the test found a change of at least one element."""
         return any(element.found_at is not None for element in self.elements)
+
+
+def series_of(records: Sequence[PartRecord]) -> list[Series]:
+    """Returns the values of each evaluation element in a series of parts with the same cycle
+    program. A part that was aborted has no values."""
+    values = [
+        {} if record.state == ABORTED else {e.name: measured(e) for e in record.elements}
+        for record in records
+    ]
+    return [
+        Series(one.name, one.unit, one.kind == "window", [known.get(one.name) for known in values])
+        for one in (records[-1].elements if records else [])
+    ]
 
 
 def scores(values: Sequence[float]) -> list[int]:

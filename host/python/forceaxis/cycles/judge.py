@@ -21,12 +21,12 @@ import numpy as np
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError
-from forceaxis.cycles import curve_samples, drift, propose
+from forceaxis.cycles import curve_samples, propose
 from forceaxis.cycles.curve_samples import MISSING, VALID, CurveCounts, Flags, Integers, Ranges
 from forceaxis.cycles.outcome import ABORTED, BAD, BY_PROGRAM, GOOD
 from forceaxis.cycles.part import ElementFigure, PhaseSpan, figure_of
 from forceaxis.cycles.program import Element, Program
-from forceaxis.cycles.record import PartRecord, measured
+from forceaxis.cycles.record import PartRecord
 from forceaxis.cycles.teach import outcome_of
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.run_result import CycleReport
@@ -394,19 +394,6 @@ def judge_all(
         force_count_N=1 / press.own.counts_per_N,
         parts=parts,
     )
-
-
-def series_of(records: Sequence[PartRecord]) -> list[drift.Series]:
-    """Returns the values of each evaluation element in a series of parts. A part that was aborted
-    has no values."""
-    first = records[0].elements
-    return [
-        drift.Series(
-            one.name, one.unit, one.kind == "window",
-            [None if r.state == ABORTED else measured(r.elements[i]) for r in records],
-        )
-        for i, one in enumerate(first)
-    ]  # fmt: skip
 
 
 def teach(press: JudgePress, judged: Judged, rate: float, file: Path) -> propose.Proposal:
