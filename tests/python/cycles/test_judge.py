@@ -499,7 +499,8 @@ def test_positions_with_other_times_are_interpolated_except_over_gaps(press):
     own = np.interp(time_s, position.time_s, position.values)
     shifted = replace(position, time_s=time_s, values=own, clock="1")
     judged = judge.judge(press, replace(made, signals=(made["force"], shifted)), "part")
-    assert judged.record.state == "good"
+    assert (judged.record.state, judged.is_interpolated) == ("good", True)
+    assert not judge.judge(press, made, "part").is_interpolated
     middle = held_sample(made)
     gap = np.delete(np.arange(len(time_s)), [middle, middle + 1])
     shifted = replace(shifted, time_s=time_s[gap], values=own[gap])

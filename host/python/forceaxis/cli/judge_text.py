@@ -132,6 +132,8 @@ def rows(
         found += [row for row in statistics_rows(statistics) if row[0] not in ("program", "source")]
         files = [one.file for one in parts]
         found += [*drift_rows(drift), *order_rows(files), *change_rows(drift, files)]
+    if any(part.is_interpolated for part in judged.parts):
+        found.append(("note", "the position was interpolated at the times of the force"))
     if any("saturated" in note for part in judged.parts for note in part.record.notes):
         found.append(
             ("note", "if the saturated values are true ones, give --force-range and --travel-range")

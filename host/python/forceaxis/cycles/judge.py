@@ -65,7 +65,9 @@ class JudgePress:
     counts: Counts | None = None
     overrides: Sequence[str] = ()
     ranges: Ranges = field(default_factory=Ranges)  # of the sensors of the curves
-    _judges: dict[float, "_core.CurveJudge"] = field(default_factory=dict, repr=False)
+    _judges: dict[float, "_core.CurveJudge"] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         is_alone = isinstance(toml.read(self.file).get("phase"), list)
@@ -155,6 +157,7 @@ class JudgedPart:
     file: str
     rate_hz: float
     by_program: bool  # True if the conditions of the program decided about the phases
+    is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
 
@@ -256,6 +259,7 @@ def judge(
         file=where,
         rate_hz=curve.rate_hz,
         by_program=curve.phase is None,
+        is_interpolated=curve.is_interpolated,
         phases=_spans(ticks, program),
         record=_record(press, program, report, ticks, Path(where).stem, number),
     )
