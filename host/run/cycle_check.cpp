@@ -6,7 +6,6 @@
 #include <set>
 #include <string>
 
-#include "sim/hybrid/mode.hpp"
 #include "sim/model/text.hpp"
 
 namespace forceaxis::host {
@@ -159,7 +158,7 @@ class Checker {
       place.fail("table_x", "expected times of at least 0 s; correct the first one");
     for (std::size_t i = 1; i < forces.size(); ++i) {
       const double ticks = points[i].x - points[i - 1].x;
-      const double slope = std::fabs(forces[i] - forces[i - 1]) * sim::kTickRateHz / ticks;
+      const double slope = std::fabs(forces[i] - forces[i - 1]) * scales_.ticks_per_s / ticks;
       if (slope > *phase.slope * (1 + 1e-9))
         place.fail("slope", "expected at least the slope of the table, " + sim::number_text(slope) +
                                 " N/s before point " + std::to_string(i) +
@@ -228,7 +227,7 @@ class Checker {
     if (phase.action != CYCLE_MOVE_BY && phase.action != CYCLE_APPROACH) return;
     const double distance = std::fabs(1.0 * phase.target);
     within(place, "distance", static_cast<std::int64_t>(distance), phase.travel_max, "travel_max");
-    if (distance / phase.speed * sim::kTickRateHz > phase.time_max)
+    if (distance / phase.speed * scales_.ticks_per_s > phase.time_max)
       place.fail("time_max", "expected at least the time of the distance at this speed, " +
                                  sim::number_text(distance / phase.speed) +
                                  " s; raise it or the speed");
@@ -293,9 +292,10 @@ class Checker {
           "after a limit is exceeded; add a phase, or remove the element");
     check_forces(place, element, most_q8);
     if (element.over_time != 0 && element.x_least > time_most)
-      place.fail("from", "expected at most the time_max of the phases of the element, " +
-                             sim::number_text(static_cast<double>(time_most) / sim::kTickRateHz) +
-                             " s together; lower it");
+      place.fail("from",
+                 "expected at most the time_max of the phases of the element, " +
+                     sim::number_text(static_cast<double>(time_most) / scales_.ticks_per_s) +
+                     " s together; lower it");
   }
 
   // Refuses a bound or level of an evaluation element beyond force_max of its phases, because no

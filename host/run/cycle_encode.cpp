@@ -164,7 +164,7 @@ class Encoder {
           rounded(place, "force", *phase.force * per_mille, -kForceMax, kForceMax));
     if (phase.slope) code.slope = magnitude(place, "slope", *phase.slope * per_mille, kSlopeMax);
     if (phase.tare_s)
-      code.target = static_cast<std::int32_t>(std::max(1.0, ticks_of(*phase.tare_s)));
+      code.target = static_cast<std::int32_t>(std::max(1.0, scales_.ticks_of(*phase.tare_s)));
     if (phase.table_x.empty()) return;
     code.over_travel = phase.over.code();
     code.first = static_cast<std::uint16_t>(code_.points.size());
@@ -181,7 +181,7 @@ class Encoder {
         magnitude(place, "force_max", phase.force_max * scales_.q8_per_N, CYCLE_FORCE_MAX_Q8);
     code.travel_max =
         magnitude(place, "travel_max", phase.travel_max * scales_.counts_per_m, CYCLE_TRAVEL_MAX);
-    code.time_max = static_cast<std::uint32_t>(ticks_of(phase.time_max));
+    code.time_max = static_cast<std::uint32_t>(scales_.ticks_of(phase.time_max));
     encode_action(code, phase, place);
     if (phase.stiffness_travel)
       code.stiffness_travel = static_cast<std::uint16_t>(magnitude(
@@ -203,7 +203,7 @@ class Encoder {
     const auto [dimension, sign] = end.quantity();
     if (dimension == Dimension::time)
       code.level = static_cast<std::int32_t>(
-          rounded(place, "value", std::max(1.0, ticks_of(*end.value)), 1, kTimeMax));
+          rounded(place, "value", std::max(1.0, scales_.ticks_of(*end.value)), 1, kTimeMax));
     else if (sign == sim::Sign::positive)
       code.level = static_cast<std::int32_t>(
           magnitude(place, "value", *end.value * scales_.per(dimension), largest(dimension)));

@@ -127,12 +127,16 @@ void CycleProgram::complete(Section &section, sim::Names &) {
   expect_at_most(section, "element", "elements", elements.size(), CYCLE_ELEMENTS_MAX);
 }
 
-CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
-                        const std::vector<ObjectWrite> &initial) {
+namespace {
+
+// Reads the program of a press cycle. `scales_of` returns the scales of the axis, for a Source with
+// which it can refuse the axis.
+template <class ScalesOf>
+CycleProgram read(const std::filesystem::path &file, const ScalesOf &scales_of) {
   const toml::table table = sim::parse_toml(file.string());
   sim::Source source{file.string(), {}};
   Section root(source, table, "", sim::kFormat<CycleProgram>);
-  const CycleScales scales = cycle_scales(source, model, initial);
+  const CycleScales scales = scales_of(source);
   sim::Names names;
   auto program = sim::read_table<CycleProgram>(root, names);
   root.finish();
@@ -144,6 +148,18 @@ CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &mod
   check_cycle(program, code, scales, place);
   program.record = code.record(place);
   return program;
+}
+
+}  // namespace
+
+CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
+                        const std::vector<ObjectWrite> &initial) {
+  return read(file,
+              [&](const sim::Source &source) { return cycle_scales(source, model, initial); });
+}
+
+CycleProgram read_cycle(const std::filesystem::path &file, const CycleScales &scales) {
+  return read(file, [&](const sim::Source &) { return scales; });
 }
 
 }  // namespace forceaxis::host

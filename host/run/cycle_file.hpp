@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "host/run/cycle_kinds.hpp"
+#include "host/run/cycle_scales.hpp"
 #include "host/run/item.hpp"
 #include "host/run/object_values.hpp"
 #include "sim/model/field.hpp"
@@ -371,5 +372,8 @@ struct CycleProgram {
 // (adc_bits, force_zero_code, force_tare) and the soft limits. Throws sim::InputError.
 CycleProgram read_cycle(const std::filesystem::path &file, const sim::Model &model,
                         const std::vector<ObjectWrite> &initial);
+
+// Reads the program of a press cycle for an axis with these scales. Throws sim::InputError.
+CycleProgram read_cycle(const std::filesystem::path &file, const CycleScales &scales);
 
 }  // namespace forceaxis::host

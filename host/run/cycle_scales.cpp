@@ -5,7 +5,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "sim/hybrid/mode.hpp"
+#include "host/run/objects.hpp"
 #include "sim/model/elements/adc.hpp"
 #include "sim/model/elements/encoder.hpp"
 
@@ -65,7 +65,7 @@ double CycleScales::force_max_q8() const { return std::isinf(most_q8) ? -least_q
 double CycleScales::per(Dimension dimension) const {
   switch (dimension) {
     case Dimension::time:
-      return sim::kTickRateHz;
+      return ticks_per_s;
     case Dimension::length:
     case Dimension::velocity:
       return counts_per_m;
@@ -76,11 +76,13 @@ double CycleScales::per(Dimension dimension) const {
     case Dimension::energy:
       return q8_per_N / 256 * counts_per_m;
     case Dimension::impulse:
-      return q8_per_N / 256 * sim::kTickRateHz;
+      return q8_per_N / 256 * ticks_per_s;
     default:
       throw std::logic_error("no unit of the firmware for this quantity");
   }
 }
+
+double CycleScales::ticks_of(double time_s) const { return std::ceil(time_s * ticks_per_s - 1e-6); }
 
 CycleScales cycle_scales(const sim::Source &source, const sim::Model &model,
                          const std::vector<ObjectWrite> &initial) {
@@ -105,9 +107,11 @@ CycleScales cycle_scales(const sim::Source &source, const sim::Model &model,
       std::min(scales.position_most - scales.position_least,
                1.0 * raw(AXIS_OBJ_POSITION_MAX, INT32_MAX) - raw(AXIS_OBJ_POSITION_MIN, INT32_MIN));
   set_ends(scales, raw, sign);
+  scales.contact_q8 = raw(AXIS_OBJ_CONTACT_FORCE, object_meta(AXIS_OBJ_CONTACT_FORCE).initial);
+  const std::int32_t band = raw(AXIS_OBJ_TARE_BAND, 0), tare = raw(AXIS_OBJ_FORCE_TARE, 0);
+  scales.tare_least = -band - tare;
+  scales.tare_most = (band == 0 ? -1 : band) - tare;
   return scales;
 }
-
-double ticks_of(double time_s) { return std::ceil(time_s * sim::kTickRateHz - 1e-6); }
 
 }  // namespace forceaxis::host

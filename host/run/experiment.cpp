@@ -514,4 +514,14 @@ Experiment load_experiment(const std::filesystem::path &file,
   return experiment;
 }
 
+Experiment load_cycle_experiment(const std::filesystem::path &file,
+                                 std::span<const std::string> overrides) {
+  Experiment experiment = load_experiment(file, overrides);
+  if (!experiment.cycle)
+    throw sim::InputError(file.string(), "cycle",
+                          "expected an experiment that names a program in this key; add it, or "
+                          "give another experiment");
+  return experiment;
+}
+
 }  // namespace forceaxis::host

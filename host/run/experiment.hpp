@@ -407,6 +407,10 @@ Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {},
                            const std::optional<std::string> &text = std::nullopt);
 
+// Reads an experiment like load_experiment(), and refuses one that names no program of a cycle.
+Experiment load_cycle_experiment(const std::filesystem::path &file,
+                                 std::span<const std::string> overrides);
+
 // Returns the names of the columns of a trace: codes and states, followed by the signals of the
 // model. Columns for objects in the table [trace] are not included.
 std::vector<std::string> trace_columns(const sim::Model &model);

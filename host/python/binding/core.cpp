@@ -66,16 +66,6 @@ std::optional<py::dict> expect_of(const Experiment &e) {
   return ::to_dict(*e.expect);
 }
 
-forceaxis::host::CycleProgram cycle_program(const std::filesystem::path &file,
-                                            const std::vector<std::string> &overrides) {
-  Experiment experiment = forceaxis::host::load_experiment(file, overrides, std::nullopt);
-  if (!experiment.cycle)
-    throw forceaxis::sim::InputError(file.string(), "cycle",
-                                     "expected an experiment that names a program in this key; "
-                                     "add it, or give another experiment");
-  return *std::move(experiment.cycle);
-}
-
 // Returns the reason why the table [verdict] of the experiment cannot be evaluated, or nothing.
 std::optional<std::string> not_evaluable(const Experiment &e) {
   try {
@@ -375,7 +365,7 @@ PYBIND11_MODULE(_core, m) {
   m.def(
       "cycle_program",
       [](const std::filesystem::path &file, const std::vector<std::string> &overrides) {
-        return table::object(cycle_program(file, overrides));
+        return table::object(*forceaxis::host::load_cycle_experiment(file, overrides).cycle);
       },
       py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
       "Returns the program of a cycle that an experiment names: what its file describes, and the "

@@ -1,16 +1,26 @@
-// Evaluates the evaluation elements of a press cycle over recorded samples, for Python.
+// Evaluates the evaluation elements of a press cycle over recorded samples, and whole recorded
+// curves, for Python.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <filesystem>
+#include <limits>
 #include <map>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include "host/python/binding/parts.hpp"
+#include "host/python/binding/table.hpp"
+#include "host/run/cycle_judge.hpp"
+#include "host/run/experiment.hpp"
 
 extern "C" {
 #include "firmware/cycle/element.h"
@@ -19,6 +29,9 @@ extern "C" {
 }
 
 namespace py = pybind11;
+using forceaxis::host::CurveJudge;
+using forceaxis::host::CurveSample;
+using forceaxis::host::CycleScales;
 
 namespace {
 
@@ -98,9 +111,105 @@ py::list evaluate(const std::vector<Fields> &elements,
   return results;
 }
 
+// Returns the judge of the program that an experiment names, for `rate_hz` samples per second.
+CurveJudge judge_of_experiment(const std::filesystem::path &file,
+                               const std::vector<std::string> &overrides, double rate_hz) {
+  const auto experiment = forceaxis::host::load_cycle_experiment(file, overrides);
+  CycleScales scales =
+      forceaxis::host::cycle_scales({file.string(), {}}, *experiment.model, experiment.initial);
+  scales.ticks_per_s = rate_hz;
+  return {experiment.cycle->file, scales};
+}
+
+// Returns the judge of a program for an axis of which only the size of its counts is known.
+CurveJudge judge_of_program(const std::filesystem::path &file, double travel_count_m,
+                            double force_count_N, double rate_hz, std::optional<double> contact_N) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  CycleScales scales;
+  scales.counts_per_m = 1 / travel_count_m;
+  scales.q8_per_N = 1 / force_count_N;
+  scales.ticks_per_s = rate_hz;
+  scales.limit_N = CYCLE_FORCE_MAX_Q8 * force_count_N;
+  scales.rated_N = scales.limit_N / 32;  // The record has forces of up to 32 times this one.
+  scales.tare_band_q8 = scales.tare_most = CYCLE_FORCE_MAX_Q8;
+  scales.tare_least = -CYCLE_FORCE_MAX_Q8;
+  scales.position_most = scales.span = scales.most_q8 = infinity;
+  scales.position_least = scales.least_q8 = -infinity;
+  if (contact_N)
+    scales.contact_q8 = static_cast<std::int32_t>(
+        std::clamp(std::nearbyint(*contact_N / force_count_N), 0.0, 1.0 * CYCLE_FORCE_MAX_Q8));
+  return {file, scales};
+}
+
+std::vector<CurveSample> curve_of(const CurveJudge &judge, const Samples &rows) {
+  if (rows.ndim() != 2 || rows.shape(1) != 4 || rows.shape(0) < 2)
+    throw std::invalid_argument("samples: expected rows of position, force, validity and phase");
+  const auto at = rows.unchecked<2>();
+  const auto phases = static_cast<std::int64_t>(judge.program().phases.size());
+  std::vector<CurveSample> samples;
+  for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
+    const std::int64_t position = at(i, 0), force = at(i, 1), phase = at(i, 3);
+    if (position != static_cast<std::int32_t>(position) || force < -CYCLE_FORCE_MAX_Q8 ||
+        force > CYCLE_FORCE_MAX_Q8 || phase < 0 || phase >= phases)
+      throw std::invalid_argument("samples: row " + std::to_string(i) + ": out of range");
+    samples.push_back({static_cast<std::int32_t>(position), static_cast<std::int32_t>(force),
+                       at(i, 2) != 0, static_cast<std::uint8_t>(phase)});
+  }
+  return samples;
+}
+
+py::tuple judge_curve(const CurveJudge &judge, const Samples &rows,
+                      std::optional<std::uint32_t> open) {
+  const std::vector<CurveSample> all = curve_of(judge, rows);
+  const std::span<const CurveSample> samples(all.begin() + 1, all.end());
+  const auto judged =
+      open ? judge.judge_followed(all[0], samples, *open) : judge.judge_labelled(all[0], samples);
+  return py::make_tuple(table::object(judged.result),
+                        py::array_t<std::uint8_t>(static_cast<py::ssize_t>(judged.phases.size()),
+                                                  judged.phases.data()),
+                        judged.zeroed_at);
+}
+
+std::optional<double> known_end(double value) {
+  return std::isfinite(value) ? std::optional(value) : std::nullopt;
+}
+
 }  // namespace
 
 void add_cycle(py::module_ &m) {
+  m.attr("CYCLE_FORCE_MAX_Q8") = CYCLE_FORCE_MAX_Q8;
+  py::class_<CurveJudge>(m, "CurveJudge",
+                         "The program of a cycle with the scales of recorded curves. Evaluates a "
+                         "curve with the code of the firmware; a sample is a tick.")
+      .def_static("of_experiment", &judge_of_experiment, py::arg("experiment"),
+                  py::arg("overrides"), py::arg("rate_hz"),
+                  "Returns the judge of the program of an experiment, with the counts of its "
+                  "axis. Raises InputError.")
+      .def_static("of_program", &judge_of_program, py::arg("file"), py::arg("travel_count_m"),
+                  py::arg("force_count_N"), py::arg("rate_hz"), py::arg("contact_N"),
+                  "Returns the judge of a program alone. contact_N: the force of contact, or None. "
+                  "Raises InputError.")
+      .def("program", [](const CurveJudge &j) { return table::object(j.program()); })
+      .def_property_readonly("counts_per_m",
+                             [](const CurveJudge &j) { return j.scales().counts_per_m; })
+      .def_property_readonly(
+          "counts_per_N", [](const CurveJudge &j) { return j.scales().q8_per_N; },
+          "1/256 counts of force in 1 N.")
+      .def_property_readonly(
+          "force_ends",
+          [](const CurveJudge &j) {
+            return py::make_tuple(known_end(j.scales().least_q8), known_end(j.scales().most_q8));
+          },
+          "Ends of the range of the force sensor in 1/256 count; None: unknown.")
+      .def_property_readonly("knows_contact",
+                             [](const CurveJudge &j) { return j.scales().contact_q8.has_value(); })
+      .def("judge", &judge_curve, py::arg("samples"), py::arg("open"),
+           "Evaluates a curve. samples: rows of position in counts, force in 1/256 count, 1 if "
+           "the sample is valid, and phase. The first row is the sample before the curve. open: "
+           "None if the samples name their phases. Otherwise the conditions and limits of the "
+           "program decide, and a curve that ends in one of the phases `open`, as bits, is "
+           "aborted. Returns the result as of a run, the phase of each sample (255 after the "
+           "end of the cycle), and the number of samples before travel 0 was found.");
   m.def("evaluate_elements", &evaluate, py::arg("elements"), py::arg("points"), py::arg("samples"),
         "Evaluates elements (firmware/cycle/element.h) over the samples of a cycle. elements: the "
         "fields of cycle_element_t that are not 0. points: (x, y) of envelopes. samples: rows of "

@@ -35,6 +35,7 @@ class TransportError(RuntimeError): ...
 class LinkSilent(RuntimeError): ...
 
 TICKS_PER_SECOND: int
+CYCLE_FORCE_MAX_Q8: int
 
 FIRMWARE_HASH: str
 FIRMWARE_VERSION: str
@@ -94,6 +95,34 @@ def evaluate_elements(
     points: Sequence[tuple[int, int]],
     samples: np.ndarray[Any, np.dtype[np.int64]],
 ) -> list[tuple[int, int, int]]: ...
+
+class CurveJudge:
+    """The program of a cycle with the scales of recorded curves."""
+
+    @staticmethod
+    def of_experiment(
+        experiment: str | Path, overrides: Sequence[str], rate_hz: float
+    ) -> CurveJudge: ...
+    @staticmethod
+    def of_program(
+        file: str | Path,
+        travel_count_m: float,
+        force_count_N: float,
+        rate_hz: float,
+        contact_N: float | None,
+    ) -> CurveJudge: ...
+    def program(self) -> CycleProgram: ...
+    @property
+    def counts_per_m(self) -> float: ...
+    @property
+    def counts_per_N(self) -> float: ...
+    @property
+    def force_ends(self) -> tuple[float | None, float | None]: ...
+    @property
+    def knows_contact(self) -> bool: ...
+    def judge(
+        self, samples: np.ndarray[Any, np.dtype[np.int64]], open: int | None
+    ) -> tuple[CycleReport, np.ndarray[Any, np.dtype[np.uint8]], int]: ...
 
 class Excited:
     """A simulated plant to which an excitation is applied."""

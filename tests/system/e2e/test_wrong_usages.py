@@ -83,7 +83,8 @@ WRONG = [
     ("test", "'DIR|FILE...'"),
     (
         "cycle",
-        "expected a command: load, rates, result, run, serve, start, statistics, teach, watch",
+        "expected a command: judge, load, rates, result, run, serve, start, statistics, teach, "
+        "watch",
     ),
     ("cycle run contact", "contact.toml: cycle", "names a program"),
     ("cycle run", "'EXPERIMENT'", "forceaxis cycle run --help"),

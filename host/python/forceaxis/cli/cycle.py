@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -9,6 +10,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import (
+    Callback,
     File,
     Folder,
     Slow,
@@ -49,6 +51,7 @@ def cycle() -> None:
     results, and see how good the process is.
 
     All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
+    The command for recorded curves also takes a program alone, because it moves nothing.
     The experiment names the model of press and part, the program, the parameters of the axis, and
     the time at which the cycle starts. `--program` tries another program with the same press.
     """
@@ -111,21 +114,56 @@ def expect_picture(plot: Path | None) -> None:
         raise ParameterError("plot", f"{plot}: expected a file ending in .png, .svg or .pdf")
 
 
-def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return a fraction from 0 to 1 as a number, from a text such as "1%" or "0.01". Raises
-    InputError for other texts."""
-    if text is None:
-        return None
+def fraction(text: str) -> float | None:
+    """Return a fraction between 0 and 1 as a number, from a text such as "1%" or "0.01". Return
+    None for other texts."""
     digits, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
         value = number(digits) / (100 if percent else 1)
     except ValueError:
-        value = -1.0
-    if not 0 < value < 1:
+        return None
+    return value if 0 < value < 1 else None
+
+
+def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
+    """Return the fraction of --propose as a number. Raises InputError."""
+    if text is None:
+        return None
+    value = fraction(text)
+    if value is None:
         raise InputError(
             f"--propose: {text}: expected the fraction of good parts to refuse, such as 1% or 0.01"
         )
     return value
+
+
+def _false_alarms(
+    context: click.Context, option: click.Parameter, text: str | None
+) -> float | None:
+    """Return the share of --false-alarms as a number. Raises InputError."""
+    found = None if text is None else fraction(text)
+    if text is not None and found is None:
+        raise InputError(f"--false-alarms: {text}: expected a share of series, such as 1% or 0.01")
+    return found
+
+
+def drift_options(default: str | None) -> Callable[[Callback], Callback]:
+    """Return a decorator that adds the options of the test for wear and drift to a command.
+    `default`: default of --false-alarms, or None if the test needs this option."""
+
+    def add(verb: Callback) -> Callback:
+        verb = click.option(
+            "--reference", type=int, default=30, show_default=True,
+            help="Number of first parts with which later ones are compared for wear and drift.",
+        )(verb)  # fmt: skip
+        return click.option(
+            "--false-alarms", metavar="SHARE", default=default, show_default=default is not None,
+            callback=_false_alarms,
+            help="Test for wear and drift: the largest share of series without a change in which "
+            "it finds one.",
+        )(verb)  # fmt: skip
+
+    return add
 
 
 @cycle.command(

@@ -15,7 +15,14 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import Callback, File, Folder, Positive, as_json, print_json, show
-from forceaxis.cli.cycle import EXPERIMENT, cycle, expect_picture, program_option, rate
+from forceaxis.cli.cycle import (
+    EXPERIMENT,
+    cycle,
+    drift_options,
+    expect_picture,
+    program_option,
+    rate,
+)
 from forceaxis.cli.live_options import (
     AxisConnection,
     connected,
@@ -405,16 +412,20 @@ def _finish(folder: RecordFolder | None, parquet: bool, jsonl: bool, as_json: bo
 @cycle.command(
     epilog="""forceaxis cycle statistics records
     forceaxis cycle statistics records --last 100 --page statistics.html --plot statistics.png
+    forceaxis cycle statistics records --false-alarms 1%
     forceaxis cycle statistics out/rates --json""",
 )
 @SOURCE
 @click.option("--last", type=click.IntRange(1), help="Only the last parts. Default: all parts.")
+@drift_options(default=None)
 @click.option("--plot", type=File(), help="Run charts and histograms: FILE.png, .svg or .pdf.")
 @click.option("--page", type=File(), help="Page with figures and plots: FILE.html.")
 @as_json
 def statistics(
     source: Path,
     last: int | None,
+    false_alarms: float | None,
+    reference: int,
     plot: Path | None,
     page: Path | None,
     as_json: bool,
@@ -433,9 +444,12 @@ def statistics(
     fewer than 30 values there is neither Cp nor Cpk. The share of good parts has an exact interval
     for every distribution. The values of elements are those of all good and bad parts that have the
     program of the last part.
+
+    --false-alarms tests the values of each element for wear and drift, by a CUSUM of sequential
+    ranks. The share is an upper bound for all elements together and for every distribution.
     """
-    from forceaxis.cli import cycle_text
-    from forceaxis.cycles import capability, records
+    from forceaxis.cli import cycle_text, judge_text
+    from forceaxis.cycles import capability, drift, records
 
     if plot is not None:
         expect_picture(plot)
@@ -444,6 +458,10 @@ def statistics(
     parts = records.read_parts(source, last)
     found = capability.statistics(parts)
     drawn = capability.last_curves(parts)
+    own = capability.own_parts(parts.records)
+    tested = None
+    if false_alarms is not None:
+        tested = drift.drift(drift.series_of(own), false_alarms, reference)
     if plot is not None:
         from forceaxis import drawing
         from forceaxis.cycles import statistics_plots
@@ -455,9 +473,12 @@ def statistics(
 
         pages.write(page, found, cycle_text.element_table(found), drawn)
     if as_json:
-        print_json(to_json(found))
+        print_json({**to_json(found), **({} if tested is None else {"drift": to_json(tested)})})
         return
     show(cycle_text.statistics_rows(found))
+    if tested is not None:
+        names = [f"part {r.number}{f' ({r.serial})' if r.serial else ''}" for r in own]
+        show([*judge_text.drift_rows(tested), *judge_text.change_rows(tested, names)])
     show([("files", paths.quoted(file)) for file in (plot, page) if file is not None])
 
 

@@ -61,7 +61,7 @@ MODULES = {
     "axis": (
         "axis", "axis_actions", "axis_check", "axis_health", "axis_params", "bringup", "incident",
     ),
-    "cycle": ("cycle", "cycle_records"),
+    "cycle": ("cycle", "cycle_records", "cycle_judge"),
     "loop": ("loop", "loop_margins", "loop_models", "loop_advise"),
     "recording": ("recording", "recording_logs"),
 }  # fmt: skip

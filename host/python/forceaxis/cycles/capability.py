@@ -92,12 +92,19 @@ class PartStatistics:
     elements: list[ElementStatistics]
 
 
+def own_parts(records: Sequence[PartRecord]) -> list[PartRecord]:
+    """Returns the parts that were pressed with the same cycle program as the last part, without
+    those whose results were lost."""
+    known = [record for record in records if record.state != LOST]
+    return [record for record in known if record.program_crc == known[-1].program_crc]
+
+
 def statistics(parts: RecordedParts) -> PartStatistics:
     """Returns the statistics of parts. `parts` must contain at least one part."""
     records = parts.records
     last = next((r for r in reversed(records) if r.state != LOST), records[-1])
     known = [record for record in records if record.state != LOST]
-    own = [record for record in known if record.program_crc == last.program_crc]
+    own = own_parts(records)
     judged = [record for record in own if record.state in (GOOD, BAD)]
     states = [record.state for record in records]
     good, bad, aborted = (states.count(state) for state in (GOOD, BAD, ABORTED))

@@ -14,7 +14,7 @@ or a missing value. These parts are the first of the k removed parts.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cycles.outcome import GOOD, MEASURED, PartOutcome
-from forceaxis.cycles.program import Element, Program, number, unit_of_text
+from forceaxis.cycles.program import KEY, Element, Program, number, unit_of_text, with_program
 from forceaxis.cycles.rates import Group, Rates, weighted
 from forceaxis.cycles.statistics import Share, parts_needed, refused_range, share
 from forceaxis.errors import ParameterError
@@ -100,12 +100,18 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Target:
-    """The file to which a changed cycle program is written, and the experiment with which it is
-    checked."""
+    """The file to which a changed cycle program is written, and the function that reads a changed
+    file as a check. This function raises InputError."""
 
     file: Path
-    experiment: Path
-    overrides: Sequence[str] = ()
+    check: Callable[[Path], object]
+
+
+def checked_by(experiment: Path, overrides: Sequence[str]) -> Callable[[Path], object]:
+    """Returns a function that checks the file of a cycle program with the axis of an
+    experiment."""
+    kept = [text for text in overrides if not text.startswith(f"{KEY}=")]
+    return lambda file: read_inputs(experiment, with_program(kept, file))
 
 
 def sides_of(program: Program) -> list[Side]:
@@ -253,7 +259,7 @@ def propose(
     """Writes the cycle program of `done` with proposed bounds to `file`. The bounds refuse the
     fraction `rate` of good parts. The file is written completely or not at all. Raises
     ParameterError or InputError."""
-    target = Target(file, experiment, overrides)
+    target = Target(file, checked_by(experiment, overrides))
     return propose_from(done.program, done.good.outcomes, rate, target, done.bad)
 
 
@@ -344,5 +350,4 @@ def _write(old: Program, new: Program, target: Target) -> None:
         text = edited(stream.read(), new)
     with paths.replacing(target.file.parent, target.file.name) as (fresh,):
         fresh.write_text(text, encoding="utf-8", newline="")
-        kept = [t for t in target.overrides if not t.startswith("experiment.cycle=")]
-        read_inputs(target.experiment, [*kept, f"experiment.cycle={fresh.resolve()}"])
+        target.check(fresh)

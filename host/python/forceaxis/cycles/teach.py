@@ -47,6 +47,6 @@ def teach(
             "parts that were pressed with other programs; name the program of these parts in "
             "`program`"
         )
-    target = propose.Target(file, wanted.experiment, wanted.overrides)
+    target = propose.Target(file, propose.checked_by(wanted.experiment, wanted.overrides))
     outcomes = [outcome_of(record) for record in records]
     return propose.propose_from(wanted.program, outcomes, rate, target)

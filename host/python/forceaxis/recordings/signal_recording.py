@@ -189,23 +189,36 @@ def _even(time_s: Floats, within_s: float) -> Floats:
     """Returns the equally spaced times that fit ascending time stamps best. Samples may be missing
     between them. Returns the stamps unchanged if one of them is farther from its time than
     `within_s` or EVEN_SHARE of the period."""
+    found = numbers_of(time_s)
+    if found is None:
+        return time_s
+    number, period = found
+    centre, middle = number - number.mean(), float(time_s.mean())
+    even = middle + period * centre
+    off = float(np.max(np.abs(even - time_s)))
+    is_even = off <= min(within_s, EVEN_SHARE * period) and bool(np.all(np.diff(even) > 0))
+    return np.asarray(even) if is_even else time_s
+
+
+def numbers_of(time_s: Floats) -> tuple[Floats, float] | None:
+    """Returns (numbers, period in s) of the equally spaced times that fit ascending time stamps
+    best. `numbers` (n,): whole numbers from 0, with steps above 1 where samples are missing.
+    Returns None if no equally spaced times fit the stamps."""
     steps = np.diff(time_s)
     if len(steps) < 2 or not np.all(steps > 0):
-        return time_s
+        return None
     number = np.append(0.0, np.cumsum(np.round(steps / np.median(steps))))
     # The median of rounded steps gives a wrong count in a long gap. The first fit corrects it.
     for _ in range(2):
         centre, middle = number - number.mean(), float(time_s.mean())
         if not np.any(centre):
-            return time_s
+            return None
         period = float(centre @ (time_s - middle) / (centre @ centre))
         if not period > 0:
-            return time_s
-        even = middle + period * centre
-        number = np.round((time_s - even[0]) / period)
-    off = float(np.max(np.abs(even - time_s)))
-    is_even = off <= min(within_s, EVEN_SHARE * period) and bool(np.all(np.diff(even) > 0))
-    return np.asarray(even) if is_even else time_s
+            return None
+        begin = middle + period * centre[0]
+        number = np.round((time_s - begin) / period)
+    return number - number[0], period
 
 
 def with_suffix(path: Path) -> Path:

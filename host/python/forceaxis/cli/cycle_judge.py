@@ -1,0 +1,224 @@
+"""`forceaxis cycle judge`: evaluate parts from recorded curves of any press."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from forceaxis import _core, paths
+from forceaxis._core import InputError
+from forceaxis.cli.common import File, Folder, Slow, Subject, as_json, print_json, show
+from forceaxis.cli.cycle import cycle, drift_options, program_option, rate
+from forceaxis.errors import ParameterError
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.cycles.judge import Counts
+    from forceaxis.recordings.signal_recording import SignalRecording
+
+
+def size(name: str, text: str | None, unit: str) -> float | None:
+    """Return the size of a count, or a force, in the SI unit `unit`. Raises ParameterError."""
+    if text is None:
+        return None
+    value = _core.quantity_in(text, unit)
+    if value is None or not 1e-15 < value < 1e9:
+        example = "1um" if unit == "m" else "5mN"
+        raise ParameterError(
+            name, f"{text}: expected a quantity above 0 with a unit of {unit}, such as {example}"
+        )
+    return value
+
+
+def range_of(name: str, text: str | None, unit: str) -> tuple[float, float] | None:
+    """Return the ends of the range LOW..HIGH of a sensor in the SI unit `unit`. Raises
+    ParameterError."""
+    if text is None:
+        return None
+    low, high = (_core.quantity_in(part, unit) for part in (text.partition("..")[::2]))
+    if low is None or high is None or not low < high:
+        raise ParameterError(
+            name, f"{text}: expected LOW..HIGH with the unit of both, such as 0{unit}..5{unit}"
+        )
+    return low, high
+
+
+def counts_of(travel: str | None, force: str | None, contact: str | None) -> Counts | None:
+    """Return the counts that the options state, or None without these options."""
+    from forceaxis.cycles.judge import Counts
+
+    travel_m, force_N = size("travel_count", travel, "m"), size("force_count", force, "N")
+    contact_N = size("contact_force", contact, "N")
+    if travel_m is None and force_N is None and contact_N is None:
+        return None
+    if travel_m is None or force_N is None:
+        raise ParameterError(
+            "travel_count" if travel_m is None else "force_count",
+            "expected the size of a count of travel and of a count of force; give both",
+        )
+    return Counts(travel_m, force_N, contact_N)
+
+
+def read_curve(
+    file: Path, maps: tuple[str, ...], time: str | None, rate_hz: float | None
+) -> SignalRecording:
+    """Return the recording in a file. With `maps`, the file is one of another program, which is
+    imported. Raises InputError."""
+    from forceaxis.cli.recording import source_of
+    from forceaxis.recordings import signal_recording
+    from forceaxis.recordings.importing import ImportRequest, import_source
+
+    if not maps or signal_recording.is_recording(file):
+        return signal_recording.read(file)
+    source = source_of(file, None)
+    return import_source(source, file, ImportRequest(maps, time, rate_hz)).recording
+
+
+@cycle.command(
+    cls=Slow,
+    epilog="""forceaxis cycle judge press_fit part.npz
+    # the program alone, for the curves of another press, all of one stroke
+    forceaxis cycle judge bush.toml curves/*.csv --map force=Fz:N,position=s:mm \\
+    --travel-count 1um --force-count 5mN --phase press
+    # bounds from good parts, and wear over a series
+    forceaxis cycle judge press_fit good/*.npz --propose 1% -o new.toml
+    forceaxis cycle judge press_fit day/*.npz --false-alarms 0.1% --out records""",
+)
+@click.argument("press", metavar="PROGRAM", type=Subject(paths.EXPERIMENTS, as_path=True))
+@click.argument(
+    "curves", nargs=-1, required=True, metavar="CURVE...",
+    type=click.Path(dir_okay=False, path_type=Path),
+)  # fmt: skip
+@program_option
+@click.option("--travel-count", metavar="SIZE", help="Of a program alone: a count of travel.")
+@click.option(
+    "--force-count", metavar="SIZE",
+    help="Of a program alone: a count of force. The range is 131,071 of them.",
+)  # fmt: skip
+@click.option(
+    "--contact-force", metavar="FORCE",
+    help="Of a program alone: force above which the tool is in contact.",
+)  # fmt: skip
+@click.option(
+    "--force-range", metavar="LOW..HIGH",
+    help="Range of the force sensor. Default: what the recording names as saturated.",
+)  # fmt: skip
+@click.option(
+    "--travel-range", metavar="LOW..HIGH", help="Range of the position sensor, in the same way."
+)
+@click.option(
+    "--phase", metavar="NAME", help="Phase of all samples, of curves without a signal phase."
+)
+@click.option(
+    "--map", "maps", multiple=True, metavar="SIGNAL=[-]COLUMN[:UNIT],...",
+    help="CURVE is a file of another program: its columns, as for `recording import`. Repeatable.",
+)  # fmt: skip
+@click.option("--time", metavar="COLUMN[:UNIT]", help="With --map: column of the times.")
+@click.option("--rate", "rate_hz", type=float, help="With --map: rate of the samples in Hz.")
+@drift_options(default="1%")
+@click.option(
+    "--propose", metavar="RATE", callback=rate,
+    help="All curves are good parts: propose bounds that refuse this share of them. Needs -o.",
+)  # fmt: skip
+@click.option(
+    "--write", "-o", type=File(), help="File for the program with the bounds of --propose."
+)
+@click.option(
+    "--out", type=Folder(),
+    help="Folder for the records: parts/*.json and parts.csv, as for `cycle statistics`.",
+)  # fmt: skip
+@as_json
+def judge(
+    press: Path,
+    curves: tuple[Path, ...],
+    program: Path | None,
+    travel_count: str | None,
+    force_count: str | None,
+    contact_force: str | None,
+    force_range: str | None,
+    travel_range: str | None,
+    phase: str | None,
+    maps: tuple[str, ...],
+    time: str | None,
+    rate_hz: float | None,
+    false_alarms: float,
+    reference: int,
+    propose: float | None,
+    write: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Evaluate parts from recorded curves of any press, with the elements of a program. The code of
+    the firmware does it, in counts.
+
+    PROGRAM is an experiment, whose axis has the counts, or the file of a program alone, which needs
+    --travel-count and --force-count. CURVE is the recording of one part, with the signals force and
+    position, positive towards the workpiece and sampled at a constant rate: a file of `recording
+    import`, or any file with --map. Give the curves in the order in which the parts were pressed.
+
+    The phases are those of the signals cycle_phase and cycle_state (objects of the firmware, of
+    each tick) or of the signal phase (a number from 0 for each sample; negative: no phase), else
+    the one of --phase, else the conditions and limits of the program decide.
+
+    An element is invalid if a sample in one of its phases is missing, saturated or beyond the range
+    of force, and the part is then bad. Each element of a series is tested for wear and drift, by a
+    CUSUM of sequential ranks. The stated share of false alarms is an upper bound for the whole
+    series, for any distribution of the values. The exit status is 0 for every verdict.
+    """
+    from forceaxis.cli import judge_text
+    from forceaxis.cycles import capability, drift, judge, records
+    from forceaxis.cycles.curve_samples import Ranges
+    from forceaxis.cycles.program import with_program
+
+    if (propose is None) != (write is None):
+        raise InputError(
+            "--propose: expected both --propose RATE and -o FILE, or neither of these options; "
+            "add the missing option"
+        )
+    drift.check(false_alarms, reference)
+    counts = counts_of(travel_count, force_count, contact_force)
+    texts = tuple(text for given in maps for text in given.split(",") if text)
+    if counts is not None and program is not None:
+        raise ParameterError(
+            "program", f"expected no second program beside the sizes of counts; give {program} as "
+            "PROGRAM",
+        )  # fmt: skip
+    ranges = Ranges(
+        range_of("force_range", force_range, "N"), range_of("travel_range", travel_range, "m")
+    )
+    known = judge.JudgePress(press, counts, tuple(with_program((), program)), ranges)
+    judged = judge.judge_all(
+        known,
+        ((paths.display(file), read_curve(file, texts, time, rate_hz)) for file in curves),
+        phase,
+    )
+    proposal = None
+    if propose is not None and write is not None:
+        proposal = judge.teach(known, judged, propose, write)
+    parts = records.RecordedParts(counted_curves(curves), judged.records)
+    found = capability.statistics(parts)
+    series = drift.drift(drift.series_of(judged.records), false_alarms, reference)
+    if out is not None:
+        with records.RecordFolder(out) as folder:
+            for record in judged.records:
+                folder.add(record)
+    if as_json:
+        print_json(
+            {
+                **to_json(judged),
+                "statistics": to_json(found),
+                "drift": to_json(series),
+                "proposal": None if proposal is None else to_json(proposal),
+            }
+        )
+        return
+    show(judge_text.rows(judged, found, series, proposal))
+    if out is not None:
+        show([("files", paths.quoted(out))])
+
+
+def counted_curves(curves: tuple[Path, ...]) -> str:
+    """Return the number of curves as text."""
+    return f"{len(curves)} curve{'s' * (len(curves) != 1)}"

@@ -1,0 +1,303 @@
+"""Prepares the curve of a pressed part in a recording for the evaluation by the firmware: force and
+position in counts, one sample for each period, with the samples that are not valid and the phase of
+each sample.
+
+A recording has the signals `force` in N and `position` in m, positive towards the workpiece. Its
+phases come from one of these sources, in this order:
+
+    cycle_phase, cycle_state  the objects of the firmware with these names, traced in each tick
+    phase                     number of the phase of each sample, from 0; negative: no phase
+    a phase for all samples   if the caller names one
+    the program               its conditions and limits decide, as in the firmware
+
+A sample is not valid if it is missing, if it is saturated, or if its force is at an end of the
+range of the axis or of its counts. Saturated are the samples that the recording names so, unless
+the range of the sensor is known: the caller states it, or the axis itself was recorded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import _core
+from forceaxis._core import InputError
+from forceaxis.recordings.findings import GAP_PERIODS
+from forceaxis.recordings.signal_recording import (
+    EVEN_SHARE,
+    Floats,
+    RecordedSignal,
+    SignalRecording,
+    numbers_of,
+)
+
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+UNITS = {"force": "N", "position": "m"}
+# largest relative difference between the rate of a trace and that of the ticks
+RATE_TOLERANCE = 1e-3
+# signals of the firmware that say in which phase a tick is; values after the tick
+TRACED_PHASE, TRACED_STATE, RUNNING = "cycle_phase", "cycle_state", 1
+PHASE = "phase"
+NO_PHASE = -1
+SAMPLES_MOST = 20_000_000  # largest number of sampling periods of a curve
+POSITION_MOST = 2**31 - 1
+# Reasons why a sample is not valid, in the order of their importance.
+VALID, MISSING, SATURATED, BEYOND = range(4)
+REASONS = {
+    MISSING: "missing",
+    SATURATED: "saturated",
+    BEYOND: "at or beyond the end of the range of force",
+}
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """The ranges of the sensors in SI units: a value at an end of its range or beyond is saturated.
+    None: the recording names what is saturated."""
+
+    force_N: tuple[float, float] | None = None
+    position_m: tuple[float, float] | None = None
+
+    def of(self, name: str) -> tuple[float, float] | None:
+        """Returns the range of a signal."""
+        return self.force_N if name == "force" else self.position_m
+
+
+@dataclass(frozen=True)
+class CurveTimes:
+    """The times of a curve: one sample for each period, from the first sample of the force on."""
+
+    number: Integers  # number of the period of each sample of the force, from 0
+    begin_s: float  # true time of the first sample
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class CurveCounts:
+    """A curve in counts of a program, with one sample for each period."""
+
+    begin_s: float  # true time of the first sample in the recording
+    rate_hz: float
+    position: Integers
+    force: Integers  # in 1/256 count
+    defect: Integers  # VALID, or the reason why a sample is not valid
+    phase: Integers | None  # number of the phase; None: the program decides
+    is_interpolated: bool  # True if the position was interpolated at the times of the force
+
+    @property
+    def rows(self) -> Integers:
+        """The samples in the form that _core.CurveJudge takes, without the sample before them."""
+        phase = np.zeros_like(self.force) if self.phase is None else self.phase
+        valid = (self.defect == VALID).astype(np.int64)
+        return np.column_stack([self.position, self.force, valid, phase])
+
+
+def _signal(recording: SignalRecording, name: str, where: str) -> RecordedSignal:
+    unit = UNITS[name]
+    if name not in recording:
+        raise InputError(
+            f"{where}: expected a signal {name} in {unit}, got {', '.join(recording.names)}; "
+            "import the file again, with a signal of this name"
+        )
+    signal = recording[name]
+    if signal.unit != unit:
+        raise InputError(
+            f"{where}: {name}: expected the unit {unit}, got {signal.unit!r}; import the file "
+            "again, and state the unit of its column"
+        )
+    return signal
+
+
+def times_of(recording: SignalRecording, where: str) -> CurveTimes:
+    """Returns the times of the curve in a recording. Raises InputError if the force was not sampled
+    at a constant rate."""
+    force = _signal(recording, "force", where)
+    time_s = force.true_time_s
+    found = numbers_of(time_s)
+    if found is not None:
+        number, period = found
+        off = time_s - period * number
+        if float(np.ptp(off)) > 2 * EVEN_SHARE * period:
+            found = None
+    if found is None:
+        raise InputError(
+            f"{where}: force: expected samples at a constant rate, got times whose distances "
+            "differ by more than half a period; export every sample of the recording"
+        )
+    number, period = found
+    if number[-1] >= SAMPLES_MOST:
+        raise InputError(
+            f"{where}: force: expected the curve of one part with at most {SAMPLES_MOST} sampling "
+            f"periods, got {number[-1]:.0f}; cut the recording"
+        )
+    # Digits of the rate that are only rounding errors are removed.
+    rate_hz = float(f"{1 / period:.6g}")
+    return CurveTimes(number.astype(np.int64), float(np.median(off)), rate_hz)
+
+
+def _saturated(
+    signal: RecordedSignal, at_s: Floats, values: Floats, ends: tuple[float, float] | None
+) -> Flags:
+    """Returns, for each true time, True if the signal is saturated there. `values`: its values at
+    these times. `ends`: its range, or None if the recording names what is saturated."""
+    if ends is not None:
+        return np.asarray((values <= ends[0]) | (values >= ends[1]))
+    found = np.zeros(len(at_s), dtype=bool)
+    slack_s = EVEN_SHARE / signal.rate_hz
+    for one in signal.findings:
+        if one.kind == "saturation":
+            begin_s, end_s = one.from_s - signal.delay_s, one.to_s - signal.delay_s
+            found |= (at_s >= begin_s - slack_s) & (at_s <= end_s + slack_s)
+    return found
+
+
+def _at(signal: RecordedSignal, at_s: Floats) -> tuple[Floats, Flags, bool]:
+    """Returns the values of a signal at true times, for each time whether a value is missing there,
+    and whether the values were interpolated between two samples."""
+    own_s = signal.true_time_s
+    if len(own_s) == len(at_s) and np.array_equal(own_s, at_s):
+        return signal.values, np.zeros(len(at_s), dtype=bool), False
+    after = np.clip(np.searchsorted(own_s, at_s), 1, len(own_s) - 1)
+    gap_s = GAP_PERIODS * float(np.median(np.diff(own_s)))
+    near = EVEN_SHARE / signal.rate_hz
+    missing = (own_s[after] - own_s[after - 1] > gap_s) | (
+        (at_s < own_s[0] - near) | (at_s > own_s[-1] + near)
+    )
+    return np.interp(at_s, own_s, signal.values), missing, True
+
+
+def counts(values: Floats, per_unit: float) -> Floats:
+    """Returns values as the nearest whole numbers of counts."""
+    return np.asarray(np.floor(values * per_unit + 0.5))
+
+
+def curve_of(
+    recording: SignalRecording, where: str, times: CurveTimes, judge: "_core.CurveJudge",
+    phase: int | None, ranges: Ranges,
+) -> CurveCounts:  # fmt: skip
+    """Returns the curve in a recording in counts. `phase`: number of the phase of all samples if
+    the recording does not name phases, or None. Raises InputError."""
+    force = _signal(recording, "force", where)
+    position = _signal(recording, "position", where)
+    at_s = force.true_time_s
+    place, missing, is_interpolated = _at(position, at_s)
+    missing = missing | ~np.isfinite(force.values) | ~np.isfinite(place)
+    load = np.where(missing, 0.0, force.values)
+    force_counts = counts(load, judge.counts_per_N)
+    defect = np.where(missing, MISSING, VALID)
+    for signal, values in ((force, force.values), (position, place)):
+        defect[_saturated(signal, at_s, values, ranges.of(signal.name)) & ~missing] = SATURATED
+    least, most = judge.force_ends
+    low = -_core.CYCLE_FORCE_MAX_Q8 - 1 if least is None else least
+    high = _core.CYCLE_FORCE_MAX_Q8 + 1 if most is None else most
+    defect[(force_counts <= low) | (force_counts >= high)] = BEYOND
+    force_counts = np.clip(force_counts, -_core.CYCLE_FORCE_MAX_Q8, _core.CYCLE_FORCE_MAX_Q8)
+    position_counts = counts(np.where(missing, 0.0, place), judge.counts_per_m)
+    if judge.program().zero != "position":
+        position_counts = position_counts - position_counts[0]
+    if np.abs(position_counts).max() > POSITION_MOST:
+        raise InputError(
+            f"{where}: position: expected a motion of at most {POSITION_MOST} counts, which are "
+            f"{POSITION_MOST / judge.counts_per_m:g} m, got more; check the unit of the position, "
+            "or take a larger count of travel"
+        )
+    # A period without a sample has the values of the sample before, as an old sample of the axis.
+    last = np.searchsorted(times.number, np.arange(times.number[-1] + 1), side="right") - 1
+    is_there = np.zeros(len(last), dtype=bool)
+    is_there[times.number] = True
+    labels = _labels(recording, where, at_s, times, phase)
+    return CurveCounts(
+        begin_s=times.begin_s,
+        rate_hz=times.rate_hz,
+        position=position_counts.astype(np.int64)[last],
+        force=force_counts.astype(np.int64)[last],
+        defect=np.where(is_there, defect[last], MISSING),
+        phase=None if labels is None else labels[last],
+        is_interpolated=is_interpolated,
+    )
+
+
+def is_traced(recording: SignalRecording) -> bool:
+    """Returns True if a recording has the phases that the firmware of an axis ran."""
+    return TRACED_PHASE in recording and TRACED_STATE in recording
+
+
+def _labels(
+    recording: SignalRecording, where: str, at_s: Floats, times: CurveTimes, phase: int | None
+) -> Integers | None:
+    """Returns the number of the phase of each sample of the force, NO_PHASE outside of the cycle.
+    Returns None if the program decides. Raises InputError."""
+    if is_traced(recording):
+        if abs(times.rate_hz / _core.TICKS_PER_SECOND - 1) > RATE_TOLERANCE:
+            raise InputError(
+                f"{where}: {TRACED_PHASE}: expected {_core.TICKS_PER_SECOND} samples per second, "
+                f"one for each tick of the axis, got {times.rate_hz:g}; record every tick, or "
+                "import the phases as a signal phase"
+            )
+        return _traced_labels(recording, where, at_s, 1 / times.rate_hz)
+    if PHASE in recording:
+        found = _whole(recording, where, PHASE, at_s)
+        return np.where(found < 0, NO_PHASE, found)
+    return None if phase is None else np.full(len(at_s), phase)
+
+
+def _traced_labels(
+    recording: SignalRecording, where: str, at_s: Floats, period_s: float
+) -> Integers:
+    """Returns the phases of _labels() from the objects of the firmware."""
+    is_running = recording.held(TRACED_STATE, at_s) == RUNNING
+    if is_running[0]:
+        raise InputError(
+            f"{where}: {TRACED_STATE}: expected a recording that begins before the cycle, but the "
+            "cycle runs in its first sample; record earlier"
+        )
+    # A traced value is that after the tick. A sample belongs to the phase of the tick before, and
+    # the first sample of a cycle to its first phase.
+    before_s = at_s - period_s
+    ran_before = recording.held(TRACED_STATE, before_s) == RUNNING
+    labels = np.where(ran_before, _whole(recording, where, TRACED_PHASE, before_s), NO_PHASE)
+    return np.where(is_running & ~ran_before, 0, labels)
+
+
+def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> Integers:
+    values = recording.held(name, at_s)
+    wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 255))
+    if len(wrong):
+        raise InputError(
+            f"{where}: {name}: expected whole numbers of phases, got {values[wrong[0]]:g} at "
+            f"{at_s[wrong[0]]:.6g} s; map the column with the numbers of the phases"
+        )
+    return np.asarray(values.astype(np.int64))
+
+
+def cut(curve: CurveCounts, where: str, phases: int) -> tuple[Integers, int]:
+    """Returns the samples of the cycle, preceded by the sample before them, and the number of the
+    first one. `phases`: number of phases of the program. Raises InputError."""
+    rows = curve.rows
+    if curve.phase is None:
+        return np.vstack([rows[:1], rows]), 0
+    inside = np.flatnonzero(curve.phase != NO_PHASE)
+    if not len(inside):
+        raise InputError(
+            f"{where}: expected samples in a phase of the program, got none; check the signal of "
+            "the phases"
+        )
+    begin, end = int(inside[0]), int(inside[-1]) + 1
+    if end - begin != len(inside):
+        apart = inside[np.flatnonzero(np.diff(inside) > 1)[0]]
+        raise InputError(
+            f"{where}: expected the curve of one part, got samples without a phase from "
+            f"{curve.begin_s + (apart + 1) / curve.rate_hz:.6g} s on, and later samples with a "
+            "phase; cut the recording into one file for each part"
+        )
+    largest = int(curve.phase.max())
+    if largest >= phases:
+        raise InputError(
+            f"{where}: expected phases from 0 to {phases - 1}, those of the program, got "
+            f"{largest}; give the program with which the part was pressed"
+        )
+    before = rows[max(begin - 1, 0)].copy()
+    before[3] = 0
+    return np.vstack([before[np.newaxis], rows[begin:end]]), begin

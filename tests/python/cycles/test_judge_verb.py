@@ -1,0 +1,260 @@
+"""`forceaxis cycle judge` on files: recordings and files of other programs, records for statistics
+and teach, proposals, and the one line of each wrong input."""
+
+import csv
+import json
+import random
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomlkit
+from forceaxis.cycles import live
+from forceaxis.cycles.part import ElementFigure
+from forceaxis.cycles.record import PartRecord
+from forceaxis.cycles.records import RecordFolder, read_parts
+from forceaxis.recordings import signal_recording
+from judged_curves import saturation, without
+from test_judge import EXPERIMENTS, PRESS, bush, held_sample, simulated
+from verbs import forceaxis
+
+FOREIGN = ("--map", "force=-Fz:kN,position=way:mm")
+COUNTS = ("--travel-count", "1um", "--force-count", "10mN")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The program of a bush, recordings of four parts, and two of them as CSV files."""
+    made = tmp_path_factory.mktemp("judge")
+    (made / "bush.toml").write_text(tomlkit.dumps(PRESS))
+    for k, shoulder in enumerate((0.003, 0.0031, 0.0036, 0.003), 1):
+        one = bush(shoulder, seed=k)
+        if k == 4:
+            one = without(one, [held_sample(one)])
+        signal_recording.write(one, made / f"part{k}")
+        with (made / f"part{k}.csv").open("w", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(["t [ms]", "Fz [kN]", "way [mm]"])
+            for t, f, x in zip(one["force"].time_s, one["force"].values, one["position"].values,
+                               strict=True):  # fmt: skip
+                writer.writerow([f"{1e3 * t:.6f}", f"{-1e-3 * f:.9f}", f"{1e3 * x:.7f}"])
+    return made
+
+
+def judged(folder, *words):
+    done = forceaxis("cycle", "judge", *words, cwd=folder)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    return done.stdout
+
+
+def judged_json(folder, *words):
+    return json.loads(judged(folder, *words, "--json"))
+
+
+def test_one_part_prints_its_elements_and_phases(folder):
+    text = judged(folder, "bush.toml", "part1.npz", *COUNTS)
+    assert "cycle        A bush: good\n" in text
+    assert "counts       0.001 mm of travel, 0.01 N of force; 1000 samples per s\n" in text
+    assert [line.split()[:2] for line in text.splitlines()][5:13] == [
+        [element["name"], "good"] for element in PRESS["element"]
+    ]
+    assert "drift" not in text
+
+
+def test_a_part_with_a_missing_sample_names_the_elements(folder):
+    text = judged(folder, "bush.toml", "part4.npz", *COUNTS)
+    assert "cycle        A bush: bad: samples are not valid\n" in text
+    assert "held is invalid: 1 sample missing, from 0.203 s on, in phase hold" in text
+    assert "held      invalid" in text
+
+
+def test_a_file_of_another_program_is_imported_by_its_columns(folder):
+    found = [
+        judged_json(folder, "bush.toml", *files, *COUNTS, *words)["parts"]
+        for files, words in (
+            (("part1.npz", "part3.npz"), ()),
+            (("part1.csv", "part3.csv"), (*FOREIGN, "--travel-range", "0mm..20mm")),
+        )
+    ]
+    elements = [[part["record"]["elements"] for part in parts] for parts in found]
+    assert elements[0] == elements[1]
+    assert [part["record"]["state"] for part in found[1]] == ["good", "bad"]
+
+
+def test_a_rest_at_the_end_of_the_way_may_be_a_saturated_sensor(folder):
+    """The position of the hold is the largest one. Only the user knows the range of its sensor."""
+    text = judged(folder, "bush.toml", "part1.csv", *COUNTS, *FOREIGN)
+    assert "invalid      held is invalid: 26 samples saturated" in text
+    assert "give --force-range and --travel-range" in text
+    text = judged(
+        folder, "bush.toml", "part1.csv", *COUNTS, *FOREIGN, "--travel-range", "0mm..12.5mm"
+    )
+    assert "shoulder is invalid" in text
+    text = judged(folder, "bush.toml", "part1.csv", *COUNTS, *FOREIGN, "--travel-range", "0mm..1m",
+                  "--force-range", "-5N..378N")  # fmt: skip
+    assert "held is invalid" in text and "shoulder is invalid" not in text
+
+
+def test_a_series_prints_statistics_and_drift(folder):
+    text = judged(folder, "bush.toml", "part1.npz", "part2.npz", "part3.npz", "part4.npz", *COUNTS)
+    lines = text.splitlines()
+    assert "parts        4: 2 good, 2 bad, 0 aborted" in lines
+    assert any(line.startswith("not good     part3.npz: bad, shoulder above") for line in lines)
+    assert any(
+        line.startswith("invalid      part4.npz: held is invalid: 1 sample") for line in lines
+    )
+    assert any("not tested: fewer values than the reference" in line for line in lines)
+
+
+def test_records_of_curves_are_those_that_statistics_and_teach_read(tmp_path):
+    """With the program of an experiment, the CRC is that of an axis."""
+    _, made = simulated("press_fit", ())
+    signal_recording.write(made, tmp_path / "part")
+    experiment = EXPERIMENTS / "press_fit.toml"
+    judged(tmp_path, str(experiment), "part.npz", "--out", "records")
+    judged(tmp_path, "press_fit", "part.npz", "--out", "records")  # the same part, once
+    (record,) = read_parts(tmp_path / "records").records
+    assert record.program_crc == f"{live.live_program(experiment).program.crc:08X}"
+    assert (record.state, record.serial) == ("good", "part")
+    done = forceaxis("cycle", "statistics", "records", cwd=tmp_path)
+    assert "parts        1: 1 good, 0 bad, 0 aborted" in done.stdout
+    done = forceaxis("cycle", "teach", "press_fit", "records", "--propose", "1%", "-o", "new.toml",
+                     cwd=tmp_path)  # fmt: skip
+    assert "expected at least 599 good parts" in done.stderr
+
+
+def test_records_of_a_series_are_tested_for_wear(tmp_path):
+    """The hundred parts of a folder; those after the sixtieth have another shoulder."""
+    rng = np.random.default_rng(3)
+    with RecordFolder(tmp_path / "records") as into:
+        for number in range(1, 101):
+            value = rng.normal(3e-3, 2e-5) + 1e-4 * (number > 60)
+            figure = ElementFigure("shoulder", "at", "good", value, "m", 2e-3, 4e-3)
+            state = "aborted" if number == 40 else "good"
+            into.add(PartRecord(number, state=state, serial=f"S{number}", elements=[figure]))
+    words = ("cycle", "statistics", "records", "--false-alarms", "1%")
+    text = forceaxis(*words, cwd=tmp_path).stdout
+    assert "shoulder      99  " in text
+    assert re.search(
+        r"warning      shoulder rises from part (\d\d) \(S\1\) on, found at part 6", text
+    )
+    assert "in at most 0.9" in text
+    found = json.loads(forceaxis(*words, "--json", cwd=tmp_path).stdout)["drift"]
+    assert 60 < found["elements"][0]["found_at"] < 70
+    assert "drift" not in forceaxis(*words[:3], cwd=tmp_path).stdout
+    done = forceaxis(*words, "--reference", "3", cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_bounds_from_good_curves_refuse_the_stated_share(tmp_path):
+    """300 parts, one bound: three of them are beyond it."""
+    program = tomlkit.parse(tomlkit.dumps(PRESS))
+    element = dict(PRESS["element"][1], least=0.0001)
+    del element["most"]
+    program["element"] = [element]
+    (tmp_path / "bush.toml").write_text(f"# A comment.\n{tomlkit.dumps(program)}")
+    rng, names = random.Random(8), []
+    for k in range(300):
+        made = bush(0.003 + 1e-5 * rng.gauss(0, 1), 500.0, seed=k)
+        names.append(signal_recording.write(made, tmp_path / f"{k:03}").name)
+    found = judged_json(tmp_path, "bush.toml", *names, *COUNTS, "--propose", "1%", "-o", "new.toml")
+    assert found["proposal"]["expected"] == pytest.approx(3 / 301)
+    assert (tmp_path / "new.toml").read_text().startswith("# A comment.\n")
+    parts = judged_json(tmp_path, "new.toml", *names, *COUNTS)["parts"]
+    assert [part["record"]["state"] for part in parts].count("bad") == 2  # the bound is a good part
+
+
+def test_of_a_recording_of_the_axis_the_ends_of_its_sensor_are_known(tmp_path):
+    """The force is 0 for some ticks of the way back, which the import names saturated."""
+    _, made = simulated("press_fit", ())
+    labels = [s for s in made if s.name.startswith("cycle")]
+    force = made["force"]
+    low = replace(force, findings=(saturation(1.2, 1.3),))
+    own = replace(made, signals=(low, made["position"], *labels))
+    signal_recording.write(own, tmp_path / "own")
+    text = judged(tmp_path, "press_fit", "own.npz")
+    assert "cycle        Press-fit of a bearing: good" in text
+    text = judged(tmp_path, "press_fit", "own.npz", "--force-range", "0N..399.6N")
+    assert "seating_force is invalid" in text
+
+
+CODES = ("force=adc0:0.01N", "position=encoder:1um", "cycle_phase=cycle_phase:1",
+         "cycle_state=cycle_state:1")  # fmt: skip
+
+
+@pytest.mark.parametrize(("changed", "overrides", "text"), [
+    ({}, (), None),
+    ({0: "force=adc0:0.1N"}, (), "force: expected 0.01 N for a count of adc0, as in the"),
+    ({1: "position=encoder:1mm"}, (), "position: expected 0.001 mm for a count of encoder"),
+    ({}, ("force_tare = 0.4",), "codes of adc0, which do not have the force_tare of the experi"),
+])  # fmt: skip
+def test_the_scales_of_a_trace_are_those_of_its_experiment(tmp_path, changed, overrides, text):
+    experiment = tomlkit.parse((EXPERIMENTS / "press_fit.toml").read_text())
+    del experiment["expect"]
+    for key in ("model", "cycle"):
+        experiment[key] = str((EXPERIMENTS / experiment[key]).resolve())
+    for line in overrides:
+        experiment["firmware"] |= tomlkit.parse(line)
+    (tmp_path / "e.toml").write_text(tomlkit.dumps(experiment))
+    assert forceaxis("run", "e.toml", "--out", "out", cwd=tmp_path).returncode == 0
+    maps = [changed.get(k, one) for k, one in enumerate(CODES)]
+    done = forceaxis("cycle", "judge", "e.toml", "out/trace.csv", "--map", ",".join(maps),
+                     cwd=tmp_path)  # fmt: skip
+    if text is None:
+        assert "cycle        Press-fit of a bearing: good" in done.stdout
+    else:
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert text in done.stderr
+
+
+def test_an_order_by_letters_of_numbered_curves_is_said(folder, tmp_path):
+    """A shell gives 10.npz before 2.npz."""
+    for number in (1, 2, 9, 10, 11):
+        shutil.copy(folder / "part1.npz", tmp_path / f"{number}.npz")
+    shutil.copy(folder / "bush.toml", tmp_path)
+    names = sorted(path.name for path in tmp_path.glob("*.npz"))
+    text = judged(tmp_path, "bush.toml", *names, *COUNTS)
+    assert (
+        "warning      11.npz was given before 2.npz: give the curves in the order of the parts"
+        in text
+    )
+    by_number = sorted(names, key=lambda name: int(name[:-4]))
+    assert "was given before" not in judged(tmp_path, "bush.toml", *by_number, *COUNTS)
+
+
+WRONG = [
+    ("bush.toml part1.npz", "--travel-count: expected the size of a count", "give --travel-count"),
+    ("bush.toml part1.npz --travel-count 1um", "--force-count: expected the size", "give both"),
+    ("bush.toml part1.npz --travel-count 1kg --force-count 1N", "--travel-count: 1kg", "as 1um"),
+    ("bush.toml part1.npz --travel-count 1um --force-count 0N", "--force-count: 0N", "such as 5mN"),
+    ("press_fit part1.npz --travel-count 1um --force-count 1N", "--travel-count: expected no size"),
+    ("press_fit part1.npz", "part1.npz: expected a signal phase", "ends on reached", "--phase"),
+    ("bush.toml none.npz {counts}", "none.npz: expected a readable file"),
+    ("bush.toml part1.csv {counts}", "part1.csv: expected a recording", "recording import"),
+    ("bush.toml bush.toml {counts}", "bush.toml: expected a recording"),
+    ("bush.toml part1.csv {counts} --map force=Fz:kN", "csv: expected a signal position in m"),
+    ("bush.toml part1.csv {counts} --map force=way:mm,position=way:mm", "a unit of force"),
+    ("bush.toml part1.npz {counts} --phase pull", "--phase: expected one of the phases"),
+    ("bush.toml part1.npz {counts} --false-alarms 2", "--false-alarms: 2: expected a share"),
+    ("bush.toml part1.npz {counts} --false-alarms 70%", "--false-alarms: expected a share from"),
+    ("bush.toml part1.npz {counts} --force-range 5N", "--force-range: 5N: expected LOW..HIGH"),
+    ("bush.toml part1.npz {counts} --travel-range 5mm..1mm", "--travel-range: 5mm..1mm: expected"),
+    ("bush.toml part1.npz {counts} --reference 5", "--reference: expected at least 10 parts"),
+    ("bush.toml part1.npz {counts} --propose 1%", "--propose: expected both --propose RATE and -o"),
+    ("bush.toml part1.npz {counts} --propose 1% -o n.toml", "expected at least", "take more parts"),
+    ("bush.toml part1.npz --travel-count 1um --force-count 1mN", "phase[0].force_max: expected"),
+    ("bush.toml part1.npz {counts} --program bush.toml", "--program: expected no second program"),
+    ("contact part1.npz", "cycle: expected an experiment that names a program"),
+    ("bush.toml", "Missing argument 'CURVE...'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "texts"), [(w, t) for w, *t in WRONG])
+def test_wrong_input_ends_in_one_line_and_status_2(folder, words, texts):
+    done = forceaxis("cycle", "judge", *words.format(counts=" ".join(COUNTS)).split(), cwd=folder)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for text in texts:
+        assert text in done.stderr
