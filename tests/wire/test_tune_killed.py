@@ -1,15 +1,15 @@
 """`forceaxis tune` is killed in its steps, over a virtual CAN bus in real time. Then the axis is
 disabled, nothing is half-written, and the same command goes on. The session: tune_session.py.
 
-It is killed in the three steps in which it moves the axis and in one other, drawn by chance. With
-FORCEAXIS_KILLS=9 it is killed in every step.
+It is killed in two of the three steps in which it moves the axis and in one other, drawn by the
+commit; with FORCEAXIS_WHOLE=1 in every step.
 """
 
 import json
-import os
 import random
 from pathlib import Path
 
+import draws
 import pytest
 from forceaxis.commission.tune import STEPS
 from steps import found_by
@@ -19,26 +19,23 @@ SESSION = Path(__file__).parent / "tune_session.py"
 pytestmark = pytest.mark.long  # two minutes of real time
 KILLED = -9
 MOVING = ("free", "measure", "verify")  # steps in which the axis is enabled
-KILLS = int(os.environ.get("FORCEAXIS_KILLS", "4"))
+DRAWN = {
+    *draws.some("kills in motion", MOVING, 2),
+    *draws.some("kills at rest", [step for step in STEPS if step not in MOVING], 1),
+}
+# The steps in which the command is killed, in their order.
+KILLS = [step for step in STEPS if step in DRAWN]
 
 
 @pytest.fixture(scope="module")
-def kills():
-    """The steps in which the command is killed, in their order."""
-    others = [step for step in STEPS if step not in MOVING]
-    drawn = {*MOVING, *random.sample(others, KILLS - len(MOVING))}
-    return [step for step in STEPS if step in drawn]
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory, vcan, kills):
+def found(tmp_path_factory, vcan):
     folder = tmp_path_factory.mktemp("killed")
-    yield from found_by(vcan, folder, 1800, SESSION, random.randrange(10**6), *kills)
+    yield from found_by(vcan, folder, 1800, SESSION, random.randrange(10**6), *KILLS)
 
 
-@pytest.mark.parametrize("number", range(KILLS))
-def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, kills, number):
-    killed = found[f"killed {kills[number]}"]
+@pytest.mark.parametrize("step", KILLS)
+def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, step):
+    killed = found[f"killed {step}"]
     assert killed["status"] == KILLED and killed["in_step"], found["seed"]
     # The heartbeat is missed after 1000 ms; reading, and a busy machine, add to it.
     assert killed["seconds"] < 2.0, found["seed"]
@@ -50,7 +47,7 @@ def test_a_kill_leaves_a_disabled_axis_and_nothing_half_written(found, kills, nu
 
 
 def test_kills_met_an_enabled_axis(found):
-    assert any(found[f"killed {step}"]["enabled"] for step in MOVING)
+    assert any(found[f"killed {step}"]["enabled"] for step in KILLS if step in MOVING)
 
 
 def test_the_same_command_goes_on_and_finishes(found):
@@ -78,9 +75,9 @@ def test_kills_have_left_nothing_of_the_tool_but_the_law(found):
     assert {n: pair for n, pair in changed.items() if n not in found["law"]} == {}
 
 
-def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found, kills):
+def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found):
     says = "the previous run was killed: the fault heartbeat_lost that it left is reset"
-    for step, after in zip(kills, (*kills[1:], None), strict=True):
+    for step, after in zip(KILLS, (*KILLS[1:], None), strict=True):
         run = found[f"killed {after}"] if after else {"tries": 1, "lines": found["lines"]}
         if run["tries"] == 1:  # the one right after that kill
             assert (says in run["lines"]) == found[f"killed {step}"]["enabled"]
