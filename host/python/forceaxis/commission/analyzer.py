@@ -544,6 +544,7 @@ class Analyzer:
             scale=float(scale),
             resolution_hz=TICKS_PER_S / self.samples,
             positions=(self.bus.cycle_ticks, self.bus.delay_ticks_in),
+            command_delay=self.bus.delay_ticks_out,
             ages=self.ages if output is FORCE else (0.0, 0.0),
             sinc_order=self.sinc_order if output is FORCE else 0,
         )

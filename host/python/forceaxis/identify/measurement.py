@@ -130,6 +130,8 @@ class Measurement:
     #: period and delay of the encoder's positions in samples, if a bus transmits them.
     #: If a bus transmits them, the input is the command that the drive applies.
     positions: tuple[int, int] = (1, 0)
+    #: delay of the commands in samples, if a bus transmits them
+    command_delay: int = 0
     #: mean age of a force reading in samples, and width of the range of ages.
     #: The age of readings matters for a sensor with a clock of its own.
     ages: tuple[float, float] = (0.0, 0.0)
@@ -173,7 +175,7 @@ class Measurement:
             elif name == "dac_code":
                 values[row] = 1.0
         if self.output == "encoder":
-            values[1] *= self._held(frequency)
+            values[1] = (values[1] + self._aliases(system, frequency)) * self._held(frequency)
         if self.output == "adc0" and self.inject == "codes":
             mean, width = self.ages
             mean += self.sinc_order * width / 2
@@ -183,11 +185,25 @@ class Measurement:
 
     def _held(self, frequency: Reals) -> Complexes:
         """Returns the response of a position that arrives late, and only once in a period of the
-        bus. Aliases are not included, because the axis moves too little above half the rate of this
-        period."""
+        bus."""
         period, late = self.positions
         back = np.exp(-2j * np.pi * frequency * self.dt)  # shift by one sample, 1/z
         return np.asarray((back[:, None] ** (late + np.arange(period))).mean(1))
+
+    def _aliases(self, system: linear.System, frequency: Reals) -> Complexes:
+        """Returns the sum of the aliases in the response of a position that a bus transmits. The
+        command is constant for a period, so that it also has lines at the distance k / period,
+        whose ratio to that at `frequency` is known. Sampled once in a period, the motion at these
+        lines appears at `frequency`."""
+        period, _ = self.positions
+        step = 1 - np.exp(-2j * np.pi * frequency * self.dt)
+        found = np.zeros(len(frequency), complex)
+        for k in range(1, period):
+            other = frequency + k / (period * self.dt)
+            ratio = step / (1 - np.exp(-2j * np.pi * other * self.dt))
+            shift = np.exp(-2j * np.pi * k * self.command_delay / period)
+            found += ratio * shift * system.response(other)[:, 1, 0]
+        return found
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
         """Returns the radius of the confidence band as an array (n,), in the unit of the response.
