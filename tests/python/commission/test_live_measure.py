@@ -242,7 +242,7 @@ def test_a_quiet_reading_is_hinted_at(axis_file):
 def test_a_response_without_coherence_is_hinted_at_with_what_would_help(amplitude, lowered):
     """An axis with friction and backlash: its excitation was halved until nothing moved. With an
     amplitude that was kept, a larger force helps."""
-    seen = SimpleNamespace(coherence=np.full(100, 0.1))
+    seen = SimpleNamespace(coherence=np.full(100, 0.1), model="model.toml")
     aborts = [Abort(8, "distorted"), Abort(4, "distorted"), Abort(40, "ended_force")]
     level = Level(amplitude, noise_lsb=2.0, measured_or_none=seen, aborts=aborts)
     (text,) = measuring.hints(level, SimpleNamespace(noise_lsb=2.0))

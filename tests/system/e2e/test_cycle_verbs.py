@@ -46,7 +46,7 @@ def test_a_run_that_starts_no_cycle_says_how_one_starts(tmp_path):
     (tmp_path / "part.toml").write_text(text)
     (line, *_) = cycle("run", tmp_path / "part.toml").stdout.splitlines()
     assert "no cycle was started" in line
-    for word in ("modes_of_operation = -9", "[[at]]", "6, 7, 15 and then 31"):
+    for word in ("modes_of_operation = -9", "[[at]]", "6, 7, 15 and 31 one after the other"):
         assert word in line
 
 

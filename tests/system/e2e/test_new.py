@@ -750,7 +750,7 @@ COIL_HEAD = {
 @pytest.mark.parametrize(("changed", "fault", "limit", "words"), [
     ({}, "none", "peak_force_max_N", "a softer pad"),
     ({}, "force_old", "fault", "raise force_age_max of the experiment"),
-    # 40 kg weigh 392 N, of which a quarter of the drive's 132 N is no test force
+    # 40 kg weigh 392 N, more than the drive's 132 N: no output_bias holds them
     ({"moving_mass_kg": 40}, "none", "peak_force_max_N", "the weight of 392 N"),
     ({"sensor_rate_hz": 80, "sensor_filter": "sinc4"}, "none", "contact_losses",
      "the sensor of 80 samples/s shows the force up to 37.6 ms late"),

@@ -252,7 +252,9 @@ class ContactBench:
                 "or bus with shorter periods"
             )
         noise_N = self._noise_count * self.count_N
-        weight_N = 0.0 if self._given.get("output_bias") else self.design.weight_N
+        weight_N = self.design.weight_N
+        if self._given.get("output_bias") and weight_N < self._stall_N():
+            weight_N = 0.0  # the output holds it
         for small_N, what in (
             (WEIGHT_FACTOR * weight_N, f"the weight of {weight_N:.3g} N along the axis"),
             (NOISE_FACTOR * noise_N, f"the noise of {noise_N:.3g} N of the measured force"),

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 from matplotlib.figure import Figure
 
-from forceaxis import _core, linear, objects, paths
+from forceaxis import _core, files, linear, objects, paths
+from forceaxis._core import InputError
 from forceaxis.identify import measure
 from forceaxis.identify.measurement import Comparison, Complexes, Measurement, Readings
 from forceaxis.identify.setup import Setup, SetupTable, read_setup
@@ -217,11 +218,12 @@ def figure(done: MeasurementResult[Summary]) -> Figure:
 def amplitude_of(folder: Path) -> float | None:
     """Returns the amplitude of the excitation in DAC codes with which a live axis was measured, or
     None if `folder` has no such measurement."""
+    file = folder / "result.json"
     try:
-        summary = json.loads((folder / "result.json").read_text())
-    except (OSError, ValueError):
+        summary = files.read_json(file, "the summary of a measurement", has_constants=True)
+    except (OSError, InputError):
         return None
-    amplitude = summary.get("amplitude") if isinstance(summary, dict) else None
+    amplitude = summary.get("amplitude")
     return float(amplitude) if isinstance(amplitude, int | float) else None
 
 
