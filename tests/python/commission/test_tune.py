@@ -32,7 +32,7 @@ from forceaxis.commission import (
     tune_measure,
 )
 from forceaxis.commission.level import MeasuringOrder
-from forceaxis.commission.refusal import MeasureAgain, Refusal
+from forceaxis.commission.refusal import DesignAgain, MeasureAgain, Refusal
 from forceaxis.commission.tune_results import SlowChange
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
@@ -1093,7 +1093,7 @@ def test_each_step_takes_the_results_of_the_steps_before_it(step):
 
 # Keys of the files as the program wrote them before its results had types; a level, a contact.
 KEYS = {
-    "check": "averages band_hz before latency_ticks law rest settings",
+    "check": "averages band_hz before latency_ticks law ms rest settings",
     "free": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N glide "
     "noise_lsb of_loop random_error_median speed_rms swing",
     "measure": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N "
@@ -1394,6 +1394,41 @@ class ToldStep(NamedTuple):
         if self.name == self.at and self.refusals:
             raise self.refusals.pop()
         return "done"
+
+
+@pytest.mark.parametrize("times, after", [(1, "store"), (2, "verify")])
+def test_a_law_with_a_larger_ms_than_predicted_is_designed_again_once(
+    times, after, plants, designed, monkeypatch
+):
+    """The responses of an axis with dry friction predict Ms only so far: a law of Ms 2 had 2.3 on
+    the axis, and the tuning ended there."""
+    told, say = [], []
+    with Axis(link(plants)) as axis:
+        work = tune.Tuning(axis, order(plants), designed, say.append)
+        refusals = [DesignAgain("verify", "Ms 2.3", "designed again", 1.4)] * times
+        table = {
+            name: ToldStep(name, "verify", tune.STEP_TABLE[name].file, told, refusals)
+            for name in tune.STEPS[1:]
+        }
+        monkeypatch.setattr(tune, "STEP_TABLE", tune.STEP_TABLE | table)
+        if times == 1:
+            work._run_steps(None)
+        else:
+            with pytest.raises(Refusal, match=r"Ms 2\.3"):
+                work._run_steps(None)
+        asked = tune.CHECK.result(work).ms
+    until, again = tune.STEPS.index("verify"), tune.STEPS.index("design")
+    end = tune.STEPS.index(after) + 1
+    steps = [name for name, *_ in told]
+    assert steps == [*tune.STEPS[1 : until + 1], *tune.STEPS[again:end]]
+    assert asked == 1.4 and say.count("designed again") == 1
+
+
+def test_the_limit_of_ms_falls_as_the_measured_one_exceeds_the_predicted_one():
+    about = SimpleNamespace(Ms=2.4, Ms_error=0.05, Ms_predicted=1.6, Ms_hz=15.0, lines=100)
+    with pytest.raises(DesignAgain) as refused:
+        tune._expect_predicted(about, 20.0, (1.0, 100.0), 400.0, 2.0)
+    assert 1.2 < refused.value.ms < 2.0 * 1.6 / 2.4
 
 
 AGAIN = {

@@ -25,6 +25,15 @@ class Refusal(Exception):
         self.name, self.text, self.lines, self.model = name, text, lines, model
 
 
+class DesignAgain(Refusal):
+    """A refusal of a law whose Ms on the axis is larger than predicted. A law that is designed for
+    the smaller limit `ms` may pass. `why` is a sentence for the user."""
+
+    def __init__(self, name: str, text: str, why: str, ms: float) -> None:
+        super().__init__(name, text)
+        self.why, self.ms = why, ms
+
+
 class MeasureAgain(Refusal):
     """A refusal that goes away if the responses are measured again, with the band `band_hz` in Hz,
     with `averages` realisations, or with the force law `law`. None, 0: as before. `why` is a

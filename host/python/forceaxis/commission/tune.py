@@ -38,7 +38,14 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.level import Level, Rest
-from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL, MeasureAgain, Refusal, of_link
+from forceaxis.commission.refusal import (
+    ORPHANED,
+    REMEDY_AFTER_KILL,
+    DesignAgain,
+    MeasureAgain,
+    Refusal,
+    of_link,
+)
 from forceaxis.commission.tune_folder import (
     BEFORE,
     MEASURED,
@@ -107,6 +114,9 @@ CROSSOVER_RAD_PER_S = 3.0
 MS_MEASURING = 2.2
 LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
 SLOW_RATES_RAD_PER_S = (0.25, 1.0)
+# If it exceeds the predicted Ms by more, the law is designed again for the limit of Ms times the
+# quotient of both and a margin, but not for a limit below MS_AGAIN_MIN.
+MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
 # probability with which noise alone makes the measured Ms exceed its bound
 PEAK_PROBABILITY = 0.025
@@ -472,7 +482,7 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     order = tuning.order
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
-        together=fitted.together or ({},), ms=order.ms,
+        together=fitted.together or ({},), ms=checked.ms or order.ms,
         hf_gain=_hf_gain(tuning, checked), ramp_min_s=simulation.RAMP_S,
         static_error_max=simulation.ERROR_MAX,
         may_slow=order.approach_mm_per_s is None and "approach_velocity_max" in checked.settings,
@@ -726,10 +736,13 @@ def verify(
                 about, order = _verified(fitted_axis, force, first, order)
                 first = next_amplitude(about.amplitude, force, order.forces)
                 levels[f"verified-{force:g}N"] = about
-                _expect_predicted(about, force, checked.band_hz, band_hz[1])
+                ms = checked.ms or tuning.order.ms
+                _expect_predicted(about, force, checked.band_hz, band_hz[1], ms)
     except Refusal as refusal:
         _restore_earlier_law(tuning)
         text = f"{refusal.text}; {EARLIER_LAW_AGAIN}"
+        if isinstance(refusal, DesignAgain):
+            raise DesignAgain(refusal.name, text, refusal.why, refusal.ms) from None
         if isinstance(refusal, MeasureAgain):
             raise MeasureAgain(refusal.name, text, refusal.why, band_hz=refusal.band_hz) from None
         raise Refusal(refusal.name, text) from None
@@ -737,11 +750,12 @@ def verify(
 
 
 def _expect_predicted(
-    about: VerifiedResponse, force: float, measured_hz: tuple[float, float], most_hz: float
-) -> None:
+    about: VerifiedResponse, force: float, measured_hz: tuple[float, float], most_hz: float,
+    limit_ms: float,
+) -> None:  # fmt: skip
     """Raises Refusal if the measured Ms at a force in N is larger than predicted, by more than its
-    error. `measured_hz`: band of the responses. `most_hz`: highest frequency that can be
-    measured."""
+    error. `measured_hz`: band of the responses. `most_hz`: highest frequency that can be measured.
+    `limit_ms`: limit of Ms for which the law was designed."""
     error = _bound_of_peak(about) * about.Ms_error
     if about.Ms - error <= about.Ms_predicted + MS_TOLERANCE:
         return
@@ -752,7 +766,12 @@ def _expect_predicted(
     )
     low, high = measured_hz
     if about.Ms_hz <= high:
-        raise Refusal("verify", text)
+        ms = MS_AGAIN_MARGIN * limit_ms * about.Ms_predicted / about.Ms
+        why = (
+            f"Ms at {force:g} N is {about.Ms:.3g}, {about.Ms_predicted:.3g} was predicted: the law "
+            f"is designed again, for Ms {ms:.2g}"
+        )
+        raise DesignAgain("verify", text, why, ms)
     text += (
         f": a mode that the model lacks, above the responses, which end at {high:.3g} Hz; give "
         f"`band_hz` {low:.3g}:{most_hz:.3g}, so that they show it"
@@ -1061,7 +1080,8 @@ class Tuning(TuningFolder):
 
     def _run_steps(self, only: str | None) -> None:
         """Runs one step or all. If a step needs other responses, they are measured again, once for
-        each step."""
+        each step. If the Ms of the verified law is larger than predicted, the law is designed
+        again, once."""
         left, before = list((only,) if only else STEPS), set[str]()
         while left:
             self.step = left.pop(0)
@@ -1073,6 +1093,18 @@ class Tuning(TuningFolder):
                 before.add(refusal.name)
                 left = list(STEPS[STEPS.index(MEASURE.name) :])
                 self._measure_again(refusal)
+            except DesignAgain as refusal:
+                if only or DESIGN.name in before or refusal.ms < MS_AGAIN_MIN:
+                    raise
+                before.add(DESIGN.name)
+                left = list(STEPS[STEPS.index(DESIGN.name) :])
+                self._design_again(refusal)
+
+    def _design_again(self, refusal: DesignAgain) -> None:
+        self.say(refusal.why)
+        held = CHECK.file.required(self.folder)
+        CHECK.file.write(self.folder, replace(held, result=replace(held.result, ms=refusal.ms)))
+        self._file(DESIGN.name).unlink(missing_ok=True)
 
     def _measure_again(self, refusal: MeasureAgain) -> None:
         self.say(refusal.why)

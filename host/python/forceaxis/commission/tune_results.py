@@ -36,6 +36,7 @@ class Checked:
     highest frequency of the responses. `before`: the previous force law of the axis.
     `latency_ticks`: latency in ticks with which the axis outputs a DAC code. `averages`: number of
     realisations of each response in contact; 0: that of the request, or fewer if they suffice.
+    `ms`: limit of Ms for the design; 0: that of the request.
     """
 
     rest: Rest
@@ -45,6 +46,7 @@ class Checked:
     before: BankKeys
     latency_ticks: int
     averages: int = 0
+    ms: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
