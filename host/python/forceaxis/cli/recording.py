@@ -1,11 +1,19 @@
 """`forceaxis recording`: import files of other programs as recordings, and show recorded files."""
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from forceaxis.cli.common import Verbs, aligned, as_json, print_json, print_result
+from forceaxis.cli.common import (
+    Verbs,
+    aligned,
+    as_json,
+    options_in,
+    print_json,
+    print_result,
+)
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
 from forceaxis.recordings.reading import read_sources
@@ -113,7 +121,9 @@ def import_(
     request = ImportRequest(texts, time, rate, pairs, title, stretches, section)
     found = import_sources(sources_of(file, separator), file, request)
     name, facts = signal_recording.with_suffix(out), list[JsonObject]()
-    for number, done in enumerate(found, 1):
+    command = click.get_current_context().command
+    for number, imported in enumerate(found, 1):
+        done = replace(imported, notes=tuple(options_in(command, n) for n in imported.notes))
         one = name.with_stem(f"{name.stem}_{number}") if len(found) > 1 else name
         written = signal_recording.write(done.recording, one)
         facts.append({**summary(done.recording), "notes": list(done.notes), "file": str(written)})

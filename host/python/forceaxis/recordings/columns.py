@@ -75,9 +75,11 @@ class Section:
         self.checked = [k for k, kind in enumerate(self.kinds) if kind in (NUMBER, CLOCK)]
         #: number of fields up to the last of these columns
         self.core = self.checked[-1] + 1 if self.checked else 0
+        #: places of columns that are empty in the first rows
+        self.empty = [k for k, kind in enumerate(self.kinds) if kind == EMPTY]
         named = {k for line in self.header[-4:] for k, cell in enumerate(line.cells) if cell}
-        #: places of columns without a name that are empty in the first rows
-        self.unnamed = [k for k, kind in enumerate(self.kinds) if kind == EMPTY and k not in named]
+        #: those of them that have no name
+        self.unnamed = [k for k in self.empty if k not in named]
 
     def is_row(self, cells: Sequence[str]) -> bool:
         """Returns True if a line with these fields is a row of the section."""
@@ -88,7 +90,7 @@ class Section:
             return False  # only remarks may follow the last column
         if any(
             cells[k] and (k < self.checked[0] or STARTS_NUMBER.match(cells[k]))
-            for k in self.unnamed if k < len(cells)
+            for k in (self.unnamed if len(cells) == least else self.empty) if k < len(cells)
         ):  # fmt: skip
             return False
         numbers = texts = 0
@@ -344,7 +346,8 @@ class _Scan:
             first = next((k for k, line in enumerate(lines) if section.is_row(line.cells)), None)
             header = list(lines[:first])
             names = [line for line in header if not section.is_damaged_row(line.cells)]
-            most = max(width, len(names[-1].cells) if names else 0)
+            filled = [k + 1 for k, cell in enumerate(names[-1].cells) if cell] if names else []
+            most = max([width, *filled])
         return Section(self._dialect, list(kinds), (width, most), header, groups)
 
     def _resume(self, section: Section) -> None:

@@ -5,6 +5,7 @@ are read in blocks, so that a long file never is in the memory as a whole.
 """
 
 import codecs
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "--", "---", "#n
 # Words of a converter that was outside its range. Such a field has no number.
 OVER_RANGE = ("∞", "+∞", "-∞", "inf", "+inf", "-inf", "infinity", "-infinity", "ovld", "overflow")
 # A number beside another number in one field: the field was split by the wrong character.
-JOINED = re.compile(r"\d\s*[;,|\t ]\s*[-+.\d]")
+JOINED = re.compile(r"\d\"?\s*[;,|\t ]\s*\"?[-+.\d]")
 # Names of encodings that a file announces by its first bytes.
 MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -202,22 +203,27 @@ def _score(groups: Sequence[Sequence[str]], dialect: Dialect) -> tuple[float, in
     joined count against the dialect."""
     total, widest = 0.0, (0, 0)
     for lines in groups:
-        width, run, runs = 0, 0, 0.0
-        for line in lines:
-            if not line.strip():
-                continue
-            cells = dialect.cells(line)
-            while len(cells) > 1 and not cells[-1]:
-                cells.pop()
-            good = _value_of_cells(cells, dialect)
-            if len(cells) != width:
-                total += runs if run > 1 else 0.25 * runs
-                width, run, runs = len(cells), 0, 0.0
-            runs, run = runs + good, run + 1
+        cells = [dialect.cells(line) for line in lines if line.strip()]
+        for _, run in itertools.groupby(map(_without_end, cells), len):
+            some = list(run)
+            good = sum(_value_of_cells(one, dialect) for one in some)
+            firsts = {one[0] for one in some if one and not _is_value(one[0], dialect)}
+            # A single line says little, and a list of parameters is no table.
+            total += good if len(some) > 1 and len(firsts) < len(some) else 0.1 * good
             if good > 0:
-                widest = max(widest, (run, width))
-        total += runs if run > 1 else 0.25 * runs
+                widest = max(widest, (len(some), len(some[0])))
     return total, widest[1]
+
+
+def _without_end(cells: list[str]) -> list[str]:
+    """Returns the fields of a line, without the empty fields at its end."""
+    while len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _is_value(cell: str, dialect: Dialect) -> bool:
+    return bool(NUMBERS[dialect.decimal].match(cell)) or clock.is_clock(cell) or not cell
 
 
 def _value_of_cells(cells: Sequence[str], dialect: Dialect) -> float:

@@ -161,7 +161,7 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     found.heads = [
         Head(
             _numbered(names, place), _unit_of(units[place]) or unit,
-            tuple({text, names[place]} - {_numbered(names, place), ""}),
+            tuple(sorted({text, names[place]} - {_numbered(names, place), ""})),
         )
         for place, (text, (_, unit)) in enumerate(zip(texts, pairs, strict=True))
     ]  # fmt: skip
@@ -237,10 +237,10 @@ def _scope_heads(rows: Mapping[str, Line], section: Section) -> Heads:
         time = place if is_time[place] else time
         unit = units[place].strip().strip("[]") if not is_time[place] else "ms"
         unit = unit[1:-1] if _is_bracketed(unit) else unit
-        labels = () if is_time[place] or not others[place] else (others[place],)
+        labels = {others[place], texts[place]} - {_numbered(names, place), key, ""}
         heads.append(
             Head(
-                _numbered(names, place), None if unit in ("", "None") else unit, labels,
+                _numbered(names, place), None if unit in ("", "None") else unit, tuple(sorted(labels)),
                 None if is_time[place] else time,
             )
         )  # fmt: skip
@@ -298,9 +298,8 @@ def _add_units(found: Heads, keys: Mapping[str, tuple[Line, list[str]]]) -> None
 
 def _set_time_unit(found: Heads, unit: str) -> None:
     for place, head in enumerate(found.heads):
-        name = split_name(head.labels[0])[0] if head.labels else head.name
-        name = re.sub(r" \d+$", "", name)
-        if head.unit is None and name.casefold() in TIME_NAMES and factor_of(unit, "s"):
+        names = {split_name(name)[0].casefold() for name in (head.name, *head.labels)}
+        if head.unit is None and names & set(TIME_NAMES) and factor_of(unit, "s"):
             found.heads[place] = replace(head, unit=unit)
 
 

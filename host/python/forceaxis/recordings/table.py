@@ -39,6 +39,11 @@ SHOWN = 40  # largest number of characters that a message shows of a text that i
 SHOWN_LINES = 4  # largest number of skipped lines that are shown with their text
 # Numbers by which programs say that a value was outside the range of a converter.
 OVER_RANGE_NUMBERS = (9.9e37, 9.91e37, -9.9e37, -9.91e37)
+# Names, in lower case, of a column that names the signal of each row. With the first ones, this is
+# sure; a column with another name may also have states.
+SURE_NAMES = ("varname", "variable", "variable name", "tag", "tagname", "tag name")
+SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name", "item", "name",
+                "parameter", "topic", "sensor", "id")  # fmt: skip
 # Times that are less exact in the memory than this share of their step are read exactly.
 EXACT_SHARE = 1e-3
 # Two sections with the same columns are one recording if the times of the second one continue those
@@ -91,6 +96,7 @@ class TableSource(Source):
         return heads.time_place_of(self._section, self.heads)
 
     def column(self, place: int) -> SourceColumn:
+        self._expect_columns()
         values = np.empty(self._section.rows)
         over: list[int] = []
         for row, count, text in self._section.texts(self._path):
@@ -115,6 +121,21 @@ class TableSource(Source):
         return expect_finite(
             self.where, SourceColumn(head.name, head.unit, values, _Lines(self._section))
         )
+
+    def _expect_columns(self) -> None:
+        """Raises InputError if a column names the signal of each row, so that a column of numbers
+        has the values of several signals."""
+        for place, head in enumerate(self.heads):
+            if self._section.kinds[place] != TEXT or head.name.casefold() not in SIGNAL_NAMES:
+                continue
+            names = [row[place] for row in self._section.samples if place < len(row)]
+            changes = sum(a != b for a, b in itertools.pairwise(names))
+            if 4 * changes > len(names) or (changes and head.name.casefold() in SURE_NAMES):
+                several = ", ".join(list(dict.fromkeys(names))[:4])
+                raise InputError(
+                    f"{self.where}: {head.name}: expected a column for each signal, got rows of "
+                    f"several signals ({several}); export each signal as a column or as a file"
+                )
 
     def _note_missing(self, head: Head, values: Floats) -> None:
         """Notes that rows have no value. A column of a group may end before the others."""
