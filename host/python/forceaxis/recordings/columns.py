@@ -113,6 +113,11 @@ class Section:
         first = next((cell for cell in cells if cell), "")
         return _is_number(first, self.dialect) or clock.is_clock(first)
 
+    def has_numbers(self, line: Line) -> bool:
+        """Returns True if a line has numbers where rows have them."""
+        cells = [line.cells[place] for place in self.checked if place < len(line.cells)]
+        return any(_is_number(cell, self.dialect) for cell in cells)
+
     def add(self, number: int, cells: list[str]) -> None:
         """Adds the line with a number in the file as the next row."""
         if not self.rows or number != self.last_line + 1:
@@ -345,6 +350,8 @@ class _Scan:
             section = Section(self._dialect, list(kinds), (width, most), header, groups)
             first = next((k for k, line in enumerate(lines) if section.is_row(line.cells)), None)
             header = list(lines[:first])
+            if self._dialect.separator == " ":  # the names may have blanks
+                continue
             names = [line for line in header if not section.is_damaged_row(line.cells)]
             filled = [k + 1 for k, cell in enumerate(names[-1].cells) if cell] if names else []
             most = max([width, *filled])

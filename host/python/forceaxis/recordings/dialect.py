@@ -13,6 +13,7 @@ from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.recordings import clock
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -29,6 +30,9 @@ MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "--", "---", "#n
 OVER_RANGE = ("∞", "+∞", "-∞", "inf", "+inf", "-inf", "infinity", "-infinity", "ovld", "overflow")
 # A number beside another number in one field: the field was split by the wrong character.
 JOINED = re.compile(r"\d\"?\s*[;,|\t ]\s*\"?[-+.\d]")
+# Digits in groups of three: a number with separators of thousands, or one with three decimals.
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:[.,' ]\d{3})+(?:[.,]\d+)?$")
+MINUS = "\u2212"  # the sign of typesetting, which some programs write
 # Names of encodings that a file announces by its first bytes.
 MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -68,6 +72,12 @@ class Dialect:
         if HEXADECIMAL.match(text):
             return float(int(text, 16))
         return SWITCHES.get(small)
+
+    def has_sure_decimals(self, text: str) -> bool:
+        """Returns True if a number has decimals for sure, and no separator of thousands instead of
+        a decimal sign."""
+        is_number = self.decimal in text and bool(NUMBERS[self.decimal].match(text))
+        return is_number and not GROUPED.match(text)
 
     def separator_name(self) -> str:
         """Returns the separator as text for messages."""
@@ -128,6 +138,8 @@ def _decoded(path: Path, encoding: str, line_end: str) -> Iterator[str]:
 
 
 def _with_line_feeds(text: str, line_end: str) -> str:
+    if MINUS in text:
+        text = text.replace(MINUS, "-")
     if "\r" not in text:
         return text
     if line_end == "\r":
@@ -229,7 +241,7 @@ def _is_value(cell: str, dialect: Dialect) -> bool:
 def _value_of_cells(cells: Sequence[str], dialect: Dialect) -> float:
     number, good = NUMBERS[dialect.decimal], 0.0
     for cell in cells:
-        if number.match(cell) or clock.is_clock(cell):
+        if number.match(cell) or clock.is_clock(cell) or GROUPED.match(cell):
             good += 1
         elif JOINED.search(cell):
             good -= 1
@@ -240,6 +252,10 @@ def dialect_of(path: Path, separator: str | None = None) -> Dialect:
     """Returns the dialect of a text table. `separator`: character between the columns, or None to
     find it. Raises InputError."""
     where = paths.display(path)
+    if separator is not None and len(separator) != 1:
+        raise ParameterError(
+            "separator", f"expected one character such as ; between the columns, got {separator!r}"
+        )
     encoding = _encoding_of(path, where)
     with path.open("rb") as file:
         head = codecs.getincrementaldecoder(encoding)("replace").decode(file.read(1 << 16))

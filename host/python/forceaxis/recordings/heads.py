@@ -39,6 +39,7 @@ RATES = ("sample rate", "samplerate", "sampling rate", "sampling frequency", "sa
 BEGINS = ("start", "x0", "xorg", "xorigin", "x origin", "trigger offset")
 CHANNEL_UNITS = ("y_unit_label", "vertical units", "vertical unit", "vunit", "unit", "units",
                  "einheit")  # fmt: skip
+HEAD_LINES = 4  # largest number of lines above the rows that may have names and units
 CHANNEL_NAMES = ("tracename", "name", "channel", "channel name", "signal", "signal name", "kanal",
                  "kanalname", "label")  # fmt: skip
 COUNTS = ("samples", "record length", "points", "blocksize", "number of samples", "anzahl werte")
@@ -136,19 +137,19 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     wide = [line for line in lines if _is_wide(line, section, width)]
     if not wide and lines:
         _expect_decimal_points(section, lines[-1], width)
-    has_units = len(wide) > 1 and _are_units(wide[-1].cells[:width])
-    if wide:  # columns without any field that have a name
-        names = wide[-2 if has_units else -1].cells[: section.width]
+    names_line, units_line = _lines_of(section, wide, width)
+    if names_line is not None:  # columns without any field that have a name
+        names = names_line.cells[: section.width]
         width = max(width, *(k + 1 for k, cell in enumerate(names) if cell and not _is_key(cell)))
     found = Heads([Head(f"column {place + 1}") for place in range(width)])
-    if not wide:
+    if names_line is None:
         if lines and len(lines[-1].cells) > 1:
             found.notes.append(
                 f"line {lines[-1].number} has {len(lines[-1].cells)} fields, and no names of the "
                 f"{width} columns were read from it"
             )
         return found
-    found.names, found.units = (wide[-2], wide[-1]) if has_units else (wide[-1], None)
+    found.names, found.units = names_line, units_line
     texts = [*found.names.cells, *[""] * width][:width]
     units = [*(found.units.cells if found.units else []), *[""] * width][:width]
     pairs = [split_name(text) for text in texts]
@@ -160,12 +161,36 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     ]
     found.heads = [
         Head(
-            _numbered(names, place), _unit_of(units[place]) or unit,
+            _numbered(names, place),
+            _unit_of(units[place]) or (None if name == text and not is_unit(unit or "") else unit),
             tuple(sorted({text, names[place]} - {_numbered(names, place), ""})),
         )
-        for place, (text, (_, unit)) in enumerate(zip(texts, pairs, strict=True))
+        for place, (text, name, (_, unit)) in enumerate(zip(texts, names, pairs, strict=True))
     ]  # fmt: skip
     return found
+
+
+def _lines_of(
+    section: Section, wide: Sequence[Line], width: int
+) -> tuple[Line | None, Line | None]:
+    """Returns (line of the names, line of the units) of the lines above the rows. If one of the
+    last lines names the times, it is that of the names."""
+    if not wide:
+        return None, None
+    above = wide[-HEAD_LINES:]
+    has_units = [_are_units(line.cells[:width]) for line in above]
+    timed = [
+        place for place, line in enumerate(above)
+        if {split_name(cell)[0].casefold() for cell in line.cells} & set(TIME_NAMES)
+        and not any(section.is_damaged_row([cell]) for cell in line.cells[: section.width])
+        and above[-1].number - line.number == len(above) - 1 - place  # no other line between
+    ]  # fmt: skip
+    if timed:
+        units = [k for k in range(timed[-1] + 1, len(above)) if has_units[k]]
+        return above[timed[-1]], above[units[0]] if units else None
+    if has_units[-1] and len(above) > 1:
+        return above[-2], above[-1]
+    return above[-1], None
 
 
 def _keyed_heads(
@@ -237,10 +262,11 @@ def _scope_heads(rows: Mapping[str, Line], section: Section) -> Heads:
         time = place if is_time[place] else time
         unit = units[place].strip().strip("[]") if not is_time[place] else "ms"
         unit = unit[1:-1] if _is_bracketed(unit) else unit
-        labels = {others[place], texts[place]} - {_numbered(names, place), key, ""}
+        name = _numbered(names, place)
+        labels = sorted({others[place], texts[place]} - {name, key, ""})
         heads.append(
             Head(
-                _numbered(names, place), None if unit in ("", "None") else unit, tuple(sorted(labels)),
+                name, None if unit in ("", "None") else unit, tuple(labels),
                 None if is_time[place] else time,
             )
         )  # fmt: skip

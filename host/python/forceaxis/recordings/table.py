@@ -27,7 +27,7 @@ from forceaxis.recordings.columns import (
     sections_of,
     text_of,
 )
-from forceaxis.recordings.dialect import NUMBERS, OVER_RANGE, dialect_of, is_missing
+from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_of, is_missing
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.source import Head, Source, SourceColumn, expect_finite
 from forceaxis.words import counted
@@ -110,6 +110,7 @@ class TableSource(Source):
                 part = np.where(np.isin(part, OVER_RANGE_NUMBERS) | np.isinf(part), np.nan, part)
                 over += [row + int(k) for k in wrong]
             values[row : row + count] = part
+        self._expect_sure_decimals(place, values)
         head = self.heads[place]
         if over:
             self._note(
@@ -136,6 +137,31 @@ class TableSource(Source):
                     f"{self.where}: {head.name}: expected a column for each signal, got rows of "
                     f"several signals ({several}); export each signal as a column or as a file"
                 )
+
+    def _expect_sure_decimals(self, place: int, values: Floats) -> None:
+        """Raises InputError if the decimal sign of a column may be a separator of thousands: the
+        file shows nowhere that it is a decimal sign."""
+        rows = self._section.samples
+        if any(self._section.dialect.has_sure_decimals(cell) for row in rows for cell in row):
+            return
+        broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
+        if not len(broken):
+            return
+        cell = self._cell(place, int(broken[0]))
+        if GROUPED.match(cell):
+            raise InputError(
+                f"{self.where}: line {self._section.line_of(int(broken[0]))}, "
+                f"{self.heads[place].name}: expected a number with a sure decimal sign, got "
+                f"{cell!r}, which may be {cell.replace('.', '').replace(',', '')}; export the "
+                "numbers without separators of thousands, or with four decimals"
+            )
+
+    def _cell(self, place: int, row: int) -> str:
+        """Returns the field of a row."""
+        for first, count, text in self._section.texts(self._path):
+            if row < first + count:
+                return list(self._cells(place, text))[row - first]
+        return ""
 
     def _note_missing(self, head: Head, values: Floats) -> None:
         """Notes that rows have no value. A column of a group may end before the others."""
@@ -171,15 +197,16 @@ class TableSource(Source):
         dialect, name = self._section.dialect, self.heads[place].name
         hint = "a decimal point" if dialect.decimal == "." else "a decimal comma"
         shown = text if len(text) <= SHOWN else text[:SHOWN] + "..."
+        shown = repr(shown) + ", with a separator of thousands" * bool(GROUPED.match(text))
         line = self._section.line_of(row)
         if self._section.kinds[place] in (TEXT, CLOCK):
             return InputError(
-                f"{self.where}: line {line}, {name}: expected numbers with {hint}, got {shown!r}; "
+                f"{self.where}: line {line}, {name}: expected numbers with {hint}, got {shown}; "
                 "this column has texts, so choose another column or replace its texts by numbers"
             )
         return InputError(
             f"{self.where}: line {line}, {name}: expected a number with {hint} as "
-            f"in line {self._section.first_line}, got {shown!r}; correct this field, or leave it "
+            f"in line {self._section.first_line}, got {shown}; correct this field, or leave it "
             "empty for a missing sample"
         )
 
@@ -280,6 +307,11 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
             f"line {found.count[1].number} states {counted(found.count[0], 'sample')}, and not "
             f"{section.rows}"
         )
+    used = {line.number for line in (found.names, found.units) if line is not None}
+    for last in section.header[-1:]:
+        if last.number not in used and section.has_numbers(last):
+            text = last.text.strip()[:SHOWN]
+            notes.append(f"skipped line {last.number} above the rows, which is no row: {text}")
     if section.doubt:
         notes.append(section.doubt)
     if (empty := _empty_lines(section)) and len(empty) < section.rows / 2:
