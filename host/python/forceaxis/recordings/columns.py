@@ -24,8 +24,8 @@ from forceaxis.recordings.signal_recording import Floats
 if TYPE_CHECKING:
     import pyarrow
 
-LEAST_ROWS = 8  # smallest number of rows of a section, unless a file has no such section
-FEW_ROWS = 2  # smallest number of rows of a section otherwise
+# Number of successive rows with which a section begins: the first number that any section has.
+LEAST_ROWS = (8, 2, 1)
 KEPT_ROWS = 400  # number of first rows of a section that are kept for the judgement of its columns
 KEPT_LINES = 20_000  # largest number of lines above a section that are kept
 QUICK_LINES = 20_000  # number of lines that are read at once inside a section
@@ -468,7 +468,7 @@ def _cut(section: Section) -> bool | None:
 
 def sections_of(path: Path, dialect: Dialect) -> list[Section]:
     """Returns the sections of a text table in their order. Raises InputError."""
-    for least in (LEAST_ROWS, FEW_ROWS):
+    for least in LEAST_ROWS:
         for takes_keys in (False, True):
             scan = _Scan(path, dialect, least, takes_keys)
             scan.read(path)
