@@ -445,6 +445,20 @@ def test_rows_of_several_signals_are_refused(tmp_path):
     assert "got rows of several signals (Force, Travel); export each signal as a column" in said
 
 
+@pytest.mark.parametrize(
+    "head",
+    ["Time;F;Time;x\ns;N;s;mm", "X;F;X;x\ns;N;s;mm", "t1 [s];F [N];t2 [s];x [mm]"],
+)
+def test_columns_with_times_of_their_own_keep_them(tmp_path, head):
+    text = table(rows("{t:.3f};{f};{k};{k}"), head + "\n")
+    expect(imported(tmp_path, text, "--map", "force=F")[0])
+    signal, printed = imported(tmp_path, text, "--map", "position=x")
+    expect(signal, 1e-3 * STEPS, rate_hz=1)
+    assert "x: the times are those of" in printed
+    text = table(rows("{t:.3f};{f};0.5;{k}"), "Time [s];F [N];Settling time [s];x [mm]\n")
+    expect(imported(tmp_path, text, "--map", "position=x")[0], 1e-3 * STEPS)
+
+
 def test_names_of_fewer_columns_name_none(tmp_path):
     """The names of the rows have no name themselves in tables of R."""
     text = table([f"{k} {k / 1000:.3f} {f}" for k, f in enumerate(FORCE)], "t_s F_N\n")

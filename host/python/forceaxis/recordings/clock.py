@@ -176,7 +176,8 @@ def _time_of_day_ns(row: int, text: str, found: re.Match[str]) -> int:
     half = (found["half"] or "").casefold()[:1]
     if half:
         hour = hour % 12 + (12 if half == "p" else 0)
-    if hour > 24 or minute > 59 or second > 60:
+    has_date = found["year"] or found["one"] or found["name"]
+    if (hour > 24 and has_date) or minute > 59 or second > 60:
         raise ClockError(row, f"expected a time of the day, got {text[:40]!r}")
     return (3600 * hour + 60 * minute + second) * NS_PER_S + _part_ns(found["part"])
 

@@ -161,6 +161,7 @@ class Section:
         """Appends the rows of a section that continues this one."""
         self.starts += [(self.rows + row, line) for row, line in other.starts]
         self.skipped += [*other.header, *other.skipped]
+        self.blanks |= other.blanks
         self.rows += other.rows
         self.last_line, self.last, self.doubt = other.last_line, other.last, other.doubt
 

@@ -75,7 +75,7 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)
     _add_units(found, keys)
-    _group_by_times(found)
+    _group_by_times(found, section)
     kinds = [kind for word, kind in TIMES_IN_S.items() if _begins(lines, word)]
     found.kind = kinds[0] if kinds else before.kind if before is not None else found.kind
     if found.kind in TIMES_IN_S.values():
@@ -329,15 +329,30 @@ def _set_time_unit(found: Heads, unit: str) -> None:
             found.heads[place] = replace(head, unit=unit)
 
 
-def _group_by_times(found: Heads) -> None:
-    """If several columns have the same name of times, the columns behind each belong to it."""
-    names = [re.sub(r" \d+$", "", head.name).casefold() for head in found.heads]
-    times = [k for k, name in enumerate(names) if name in TIME_NAMES]
-    if len({names[k] for k in times}) != 1 or len(times) < 2 or times[0] != 0:
+def _group_by_times(found: Heads, section: Section) -> None:
+    """If several columns have times, each with columns behind it, these columns belong to it."""
+    times = [
+        place for place, head in enumerate(found.heads)
+        if _is_time(head) and section.kinds[place] in (NUMBER, CLOCK) and _ascends(section, place)
+    ]  # fmt: skip
+    if len(times) < 2 or times[0] != 0 or 1 in np.diff([*times, len(found.heads)]):
         return
     for place, head in enumerate(found.heads):
         if place not in times:
             found.heads[place] = replace(head, time=max(k for k in times if k < place))
+
+
+def _is_time(head: Head) -> bool:
+    names = {split_name(name)[0].casefold() for name in (head.name, *head.labels)}
+    return bool(names & set(TIME_NAMES)) or bool(head.unit and factor_of(head.unit, "s"))
+
+
+def _ascends(section: Section, place: int) -> bool:
+    """Returns True if the numbers of a column in the first rows ascend."""
+    cells = [row[place] for row in section.samples if place < len(row)]
+    values = [section.dialect.value(cell) for cell in cells]
+    numbers = [value for value in values if value is not None and not np.isnan(value)]
+    return section.kinds[place] == CLOCK or bool(np.all(np.diff(numbers) > 0))
 
 
 def _seconds(text: str, key: str) -> float | None:

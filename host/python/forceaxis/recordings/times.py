@@ -86,6 +86,8 @@ class Times:
                 f"many as in the column {name}, got {len(column.values)}; choose another column of "
                 "times"
             )
+        if stamps.clock is not None and self._source.heads[place].time is not None:
+            self._note(f"{column.name}: the times are those of {stamps.clock.name}")
         time_s, values = stamps.time_s[part], column.values[part]
         if stamps.clock is None:
             time_s = time_s if part.start == 0 else time_s - time_s[0] + stamps.time_s[0]
@@ -136,9 +138,12 @@ class Times:
         grid = self._source.heads[place].grid
         if self._request.rate is not None or grid is None:
             return _Stamps(_grid(count, 0.0, 1 / (self._request.rate or 1.0)), None)
-        note = f"the times are those of {grid.text}"
-        self._notes += [note] if note not in self._notes else []
+        self._note(f"the times are those of {grid.text}")
         return _Stamps(_grid(count, grid.begin_s, grid.step_s), None)
+
+    def _note(self, note: str) -> None:
+        if note not in self._notes:
+            self._notes.append(note)
 
     def _place(self, place: int) -> int | None:
         """Returns the place of the column with the times of a column, or None for a rate or a
