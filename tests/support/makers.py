@@ -99,11 +99,13 @@ VOLTS = {"force": "1N", "position": "1mm"}  # a user of an oscilloscope knows th
 
 def rigol(s, rng):
     t = s["time"]
-    rows = _rows(
-        [str(k) for k in range(SAMPLES)], _exponents(s["force"]), _exponents(s["position"])
-    )
+    first = rng.choice([0, 22])  # a part of the screen was stored
+    counter = [str(first + k) for k in range(SAMPLES)]
+    rows = _rows(counter, _exponents(s["force"]), _exponents(s["position"]))
     rows = [[*row, ""] for row in rows]
-    head = ["X,CH1,CH2,Start,Increment,", f"Sequence,Volt,Volt,{t[0]:.6e},{t[1] - t[0]:.6e},"]
+    step_s = t[1] - t[0]
+    begin_s = t[0] - first * step_s
+    head = ["X,CH1,CH2,Start,Increment,", f"Sequence,Volt,Volt,{begin_s:.6e},{step_s:.6e},"]
     return Layout("Rigol", head, rows, {"force": (1, "CH1"), "position": (2, "CH2")}, units=VOLTS)
 
 
@@ -447,6 +449,7 @@ def yokogawa(s, rng):
         f'"BlockSize",{SAMPLES},{SAMPLES}',
         '"VUnit","N","mm"',
         f'"SampleRate",{1 / (t[1] - t[0]):E},{1 / (t[1] - t[0]):E}',
+        f'"HOffset",{t[0]:E},{t[0]:E}',
         '"HUnit","s","s"',
         '"Date","2024/01/15","2024/01/15"',
         '"Time","10:11:12.34","10:11:12.34"',
@@ -625,7 +628,7 @@ def hole(layout: Layout, rng: random.Random) -> None:
 
 
 def removed(layout: Layout, rng: random.Random) -> None:
-    if layout.maker not in ("Rigol", "Keysight Infiniium", "LabVIEW LVM", "Yokogawa"):
+    if layout.maker not in ("Keysight Infiniium", "LabVIEW LVM", "Yokogawa"):
         begin = rng.randrange(10, SAMPLES - 12)
         del layout.rows[begin : begin + rng.randint(1, 5)]
 

@@ -16,7 +16,7 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.recordings import clock
 
-SEPARATORS = ("\t", ";", ",", "|", " ")
+SEPARATORS = ("\t", ";", ",", "|", " ", ":")
 SEPARATOR_NAMES = {"\t": "tab", " ": "blank"}
 # Forms of a number: with a decimal point, and with a decimal comma.
 NUMBERS = {
@@ -29,7 +29,7 @@ MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "--", "---", "#n
 # Words of a converter that was outside its range. Such a field has no number.
 OVER_RANGE = ("∞", "+∞", "-∞", "inf", "+inf", "-inf", "infinity", "-infinity", "ovld", "overflow")
 # A number beside another number in one field: the field was split by the wrong character.
-JOINED = re.compile(r"\d\"?\s*[;,|\t ]\s*\"?[-+.\d]")
+JOINED = re.compile(r"\d\"?\s*[;,|\t :]\s*\"?[-+.\d]")
 # Digits in groups of three: a number with separators of thousands, or one with three decimals.
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:[.,' ]\d{3})+(?:[.,]\d+)?$")
 MINUS = "\u2212"  # the sign of typesetting, which some programs write

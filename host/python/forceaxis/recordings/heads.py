@@ -36,7 +36,7 @@ STEPS = (*STEPS_IN_S, "sampling interval", "sample period", "sampling period", "
          "abtastintervall", "abtastzeit", "dt", "delta t")  # fmt: skip
 RATES = ("sample rate", "samplerate", "sampling rate", "sampling frequency", "sample frequency",
          "abtastrate", "abtastfrequenz", "sps")  # fmt: skip
-BEGINS = ("start", "x0", "xorg", "xorigin", "x origin", "trigger offset")
+BEGINS = ("x0", "xorg", "xorigin", "x origin", "hoffset", "start")
 CHANNEL_UNITS = ("y_unit_label", "vertical units", "vertical unit", "vunit", "unit", "units",
                  "einheit")  # fmt: skip
 HEAD_LINES = 4  # largest number of lines above the rows that may have names and units
@@ -318,7 +318,11 @@ def _add_units(found: Heads, keys: Mapping[str, tuple[Line, list[str]]]) -> None
         cells = keys[key][0].cells
         for place, head in enumerate(found.heads):
             unit = cells[place].rpartition(":")[2] if 0 < place < len(cells) else ""
-            if unit and head.unit is None and head.name.casefold() not in TIME_NAMES:
+            if (
+                unit
+                and not (head.unit and is_unit(head.unit))
+                and head.name.casefold() not in TIME_NAMES
+            ):
                 found.heads[place] = replace(head, unit=unit)
 
 
@@ -383,6 +387,7 @@ def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, li
     line, steps = keys[key]
     begin_key = next((k for k in BEGINS if k in keys), None)
     begins = keys[begin_key][1] if begin_key else []
+    counter = next((k for k, head in enumerate(found.heads) if _counts(head)), None)
     for place, head in enumerate(found.heads):
         # The fields behind a key stand above their columns if there are several of them.
         own = place - 1 if len([s for s in steps if s]) > 1 else 0
@@ -391,7 +396,11 @@ def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, li
         begin_s = _number(begin.strip().replace(",", "."))
         if step_s and step_s > 0 and section.kinds[place] in (NUMBER, EMPTY, TEXT):
             text = f"{key} {steps[own]} of line {line.number}"
-            found.heads[place] = replace(head, grid=Grid(begin_s or 0.0, step_s, text))
+            found.heads[place] = replace(head, grid=Grid(begin_s or 0.0, step_s, text, counter))
+
+
+def _counts(head: Head) -> bool:
+    return (head.unit or "").casefold() in ("sequence", "index")
 
 
 def _add_time_of_interval(

@@ -42,6 +42,7 @@ class Grid:
     begin_s: float
     step_s: float
     text: str  # where the source states them, such as "Increment 0.001 of line 2"
+    counter: int | None = None  # place of a column that counts the steps; None: each row is one
 
 
 @dataclass(frozen=True)

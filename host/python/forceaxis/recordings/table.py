@@ -97,6 +97,16 @@ class TableSource(Source):
 
     def column(self, place: int) -> SourceColumn:
         self._expect_columns()
+        values = self._values(place)
+        self._expect_sure_decimals(place, values)
+        head = self.heads[place]
+        self._note_missing(head, values)
+        return expect_finite(
+            self.where, SourceColumn(head.name, head.unit, values, _Lines(self._section))
+        )
+
+    def _values(self, place: int) -> Floats:
+        """Returns the numbers of a column. Raises InputError."""
         values = np.empty(self._section.rows)
         over: list[int] = []
         for row, count, text in self._section.texts(self._path):
@@ -110,18 +120,12 @@ class TableSource(Source):
                 part = np.where(np.isin(part, OVER_RANGE_NUMBERS) | np.isinf(part), np.nan, part)
                 over += [row + int(k) for k in wrong]
             values[row : row + count] = part
-        self._expect_sure_decimals(place, values)
-        head = self.heads[place]
         if over:
             self._note(
-                f"{head.name}: {counted(len(over), 'value')} outside the range of the converter, "
-                f"in line {self._section.line_of(over[0])} first, left out"
+                f"{self.heads[place].name}: {counted(len(over), 'value')} outside the range of the "
+                f"converter, in line {self._section.line_of(over[0])} first, left out"
             )
-        else:
-            self._note_missing(head, values)
-        return expect_finite(
-            self.where, SourceColumn(head.name, head.unit, values, _Lines(self._section))
-        )
+        return values
 
     def _expect_columns(self) -> None:
         """Raises InputError if a column names the signal of each row, so that a column of numbers
@@ -216,10 +220,10 @@ class TableSource(Source):
             return self._text_clock(place)
         if self._section.kinds[place] == TEXT:
             self._expect_times(place)
-        column = self.column(place)
-        if not _is_exact(column.values):
+        values = self._values(place)
+        if not _is_exact(values):
             return self._exact_clock(place)
-        return Clock(head.name, head.unit, column.values, Fraction(0), column.lines)
+        return Clock(head.name, head.unit, values, Fraction(0), _Lines(self._section))
 
     def _expect_times(self, place: int) -> None:
         """Raises InputError if the fields of a column are texts in no known form of a time."""
@@ -309,7 +313,7 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
         )
     used = {line.number for line in (found.names, found.units) if line is not None}
     for last in section.header[-1:]:
-        if last.number not in used and section.has_numbers(last):
+        if last.number not in used and section.has_numbers(last) and found.kind != heads.SCOPE:
             text = last.text.strip()[:SHOWN]
             notes.append(f"skipped line {last.number} above the rows, which is no row: {text}")
     if section.doubt:

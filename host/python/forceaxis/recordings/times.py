@@ -18,7 +18,7 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.recordings.clock import Clock
 from forceaxis.recordings.signal_recording import Floats, even_times
-from forceaxis.recordings.source import Source, SourceColumn
+from forceaxis.recordings.source import Grid, Source, SourceColumn
 from forceaxis.recordings.units import factor_of
 from forceaxis.words import counted
 
@@ -112,10 +112,19 @@ class Times:
         if len(clocks) != 1:
             return whole
         place = clocks.pop()
+        grid = self._source.heads[places[0]].grid
         stated = self._source.count
-        if place is None and stated and stated >= LEAST_SAMPLES and count % stated == 0:
+        has_counter = grid is not None and grid.counter is not None and self._request.rate is None
+        if (
+            place is None
+            and not has_counter
+            and stated
+            and stated >= LEAST_SAMPLES
+            and count % stated == 0
+        ):
             return [slice(k, k + stated) for k in range(0, count, stated)]
-        values = self._index(count) if place is None else self._stamps(places[0], count).time_s
+        is_column = place is not None or has_counter
+        values = self._stamps(places[0], count).time_s if is_column else self._index(count)
         if values is None or len(values) != count:
             return whole
         begins = [0, *restarts(values), count]
@@ -139,7 +148,20 @@ class Times:
         if self._request.rate is not None or grid is None:
             return _Stamps(_grid(count, 0.0, 1 / (self._request.rate or 1.0)), None)
         self._note(f"the times are those of {grid.text}")
+        if grid.counter is not None:
+            return self._counted(grid, grid.counter)
         return _Stamps(_grid(count, grid.begin_s, grid.step_s), None)
+
+    def _counted(self, grid: Grid, counter: int) -> _Stamps:
+        """Returns the times of a grid whose steps a column counts."""
+        if counter not in self._known:
+            clock = self._source.clock(counter)
+            np.add(clock.values, float(clock.base), out=clock.values)
+            np.multiply(clock.values, grid.step_s, out=clock.values)
+            np.add(clock.values, grid.begin_s, out=clock.values)
+            self.used.add(counter)
+            self._known[counter] = _Stamps(clock.values, clock)
+        return self._known[counter]
 
     def _note(self, note: str) -> None:
         if note not in self._notes:
