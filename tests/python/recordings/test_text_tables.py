@@ -81,6 +81,14 @@ def test_times_of_a_calendar_keep_their_steps(tmp_path, form, step_ns, rate_hz):
     assert "0 s is 1778767384 s of the source" in printed
 
 
+def test_times_with_a_number_that_is_none_are_refused(tmp_path):
+    for number in ("1e300", "1e23", "1e999999999"):
+        lines = [f"{BEGIN_NS + k},{f}" for k, f in enumerate(FORCE)]
+        lines[30] = f"{number},15.0"
+        said = refused(tmp_path, table(lines, "t [ns],F_N\n"), "--map", "force=F_N")
+        assert "line 32, t: expected a" in said
+
+
 def test_integers_and_typed_stamps_of_arrays_keep_their_steps(tmp_path):
     stamps = BEGIN_NS + 20_000 * STEPS
     np.savez(tmp_path / "a.npz", stamp=stamps, F_N=FORCE)
@@ -201,6 +209,16 @@ def test_stamps_coarser_than_the_samples_are_refused_with_the_rate(tmp_path):
     lines = [f"{k // 2 / 1000};{k // 2 * 0.5}" for k in range(60)]
     _, printed = imported(tmp_path, table(lines, "t [s];F (N)\n"), "--map", "force=F")
     assert "F: 30 samples left out, which repeat the sample before" in printed
+
+
+def test_a_counter_of_samples_that_begins_later_or_misses_some(tmp_path):
+    lines = [f"{22 + k},{f}," for k, f in enumerate(FORCE)]
+    signal, _ = imported(tmp_path, table(lines, RIGOL), "--map", "force=CH1:1N")
+    expect(signal, begin_s=-0.01 + 0.022)
+    del lines[30:34]
+    signal, printed = imported(tmp_path, table(lines, RIGOL), "--map", "force=CH1:1N")
+    np.testing.assert_allclose(signal.time_s, 0.012 + np.delete(STEPS, range(30, 34)) / 1e3)
+    assert "4 samples missing" in printed
 
 
 RIGOL = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-1.0e-02,1.0e-03,\n"
@@ -497,7 +515,9 @@ def test_a_last_number_that_was_cut_off_is_left_out(tmp_path, end, kept):
 
 def test_an_offset_is_subtracted_and_said(tmp_path):
     text = table(rows("{t:.3f},{f},{k}"), "t_s,F_N,n\n")
-    signal, _ = imported(tmp_path, text, "--map", "force=-2:N-5.5")
+    signal, printed = imported(tmp_path, text, "--map", "force=-2:N-5.5")
+    assert "-F_N, N, +5.5 N" in printed
+    assert "-F_N, N, +5.5 N" in forceaxis("recording", "info", tmp_path / "made.npz").stdout
     np.testing.assert_allclose(signal.values, -(FORCE - 5.5))
     assert signal.offset == pytest.approx(5.5)
     signal, _ = imported(tmp_path, text, "--map", "force=F_N:kN+0.25")

@@ -221,7 +221,8 @@ def _row(signal: RecordedSignal) -> tuple[str, ...]:
         f"{signal.values.min():.5g}",
         f"{signal.values.max():.5g}",
         f"{signal.delay_s:g}",
-        f"{sign}{signal.column}, {signal.source_unit}",
+        f"{sign}{signal.column}, {signal.source_unit}"
+        + (f", {signal.offset:+.6g} {signal.unit}" if signal.offset else ""),
     )
 
 

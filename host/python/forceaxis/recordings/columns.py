@@ -9,7 +9,7 @@ may be a damaged row is refused.
 import bisect
 import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
@@ -239,13 +239,6 @@ def numbers_of(
     return [table.column(name).combine_chunks() for name in wanted]
 
 
-def exact_array(numbers: Iterable[Decimal | None]) -> "pyarrow.Array":
-    """Returns decimals as an array of the kind "exact"."""
-    import pyarrow
-
-    return pyarrow.array(list(numbers), pyarrow.decimal128(*EXACT_DIGITS))
-
-
 def differences(numbers: "pyarrow.Array", base: Decimal) -> Floats:
     """Returns decimals minus `base` as numbers, and NaN where there is none."""
     import pyarrow
@@ -462,7 +455,7 @@ def _cut(section: Section) -> bool | None:
     place = len(section.last) - 1
     others = {_form_of(row[place]) for row in section.samples[:-1] if place < len(row)}
     form = _form_of(section.last[place])
-    if section.kinds[place] != NUMBER or len(others) != 1 or others == {(0, 0)}:
+    if section.kinds[place] != NUMBER or len(others) != 1 or others & {(0, 0), None}:
         return None
     return form not in others
 

@@ -215,15 +215,17 @@ class ArraySource(Source):
         return Clock(head.name, head.unit, self.column(place).values)
 
 
-def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
-    """Returns a column unchanged. Raises InputError if one of its numbers is infinite or too
-    large."""
+def expect_finite(
+    where: str, column: SourceColumn, largest: float = LARGEST_NUMBER
+) -> SourceColumn:
+    """Returns a column unchanged. Raises InputError if one of its numbers is infinite or larger
+    than `largest`."""
     # The ends are found without a copy of all values.
     ends = [float(end.reduce(column.values, initial=0.0)) for end in (np.fmax, np.fmin)]
-    if max(map(abs, ends)) > LARGEST_NUMBER:
-        at = int(np.flatnonzero(np.abs(column.values) > LARGEST_NUMBER)[0])
+    if max(map(abs, ends)) > largest:
+        at = int(np.flatnonzero(np.abs(column.values) > largest)[0])
         raise InputError(
-            f"{where}: {column.place(at)}: expected a number below {LARGEST_NUMBER:g}, got "
+            f"{where}: {column.place(at)}: expected a number below {largest:g}, got "
             f"{column.values[at]:g}; correct or remove this sample"
         )
     return column

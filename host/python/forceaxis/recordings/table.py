@@ -6,10 +6,10 @@ is asked for. No more than a block of its lines is in the memory at a time.
 
 import itertools
 from collections.abc import Iterator, Sequence
-from decimal import Decimal
+from decimal import Context, Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from forceaxis.recordings.columns import (
     TEXT,
     Section,
     differences,
-    exact_array,
     numbers_of,
     sections_of,
     text_of,
@@ -31,9 +30,6 @@ from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_o
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.source import Head, Source, SourceColumn, expect_finite
 from forceaxis.words import counted
-
-if TYPE_CHECKING:
-    import pyarrow
 
 SHOWN = 40  # largest number of characters that a message shows of a text that is not a number
 SHOWN_LINES = 4  # largest number of skipped lines that are shown with their text
@@ -46,6 +42,8 @@ SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name",
                 "parameter", "topic", "sensor", "id")  # fmt: skip
 # Times that are less exact in the memory than this share of their step are read exactly.
 EXACT_SHARE = 1e-3
+EXACT = Context(prec=200)  # digits of the difference of two times
+LARGEST_TIME = 1e22  # largest magnitude of a time in any unit
 # Two sections with the same columns are one recording if the times of the second one continue those
 # of the first one, with at most this many missing samples.
 CONTINUED_PERIODS = 10.0
@@ -221,6 +219,9 @@ class TableSource(Source):
         if self._section.kinds[place] == TEXT:
             self._expect_times(place)
         values = self._values(place)
+        expect_finite(
+            self.where, SourceColumn(head.name, None, values, _Lines(self._section)), LARGEST_TIME
+        )
         if not _is_exact(values):
             return self._exact_clock(place)
         return Clock(head.name, head.unit, values, Fraction(0), _Lines(self._section))
@@ -266,26 +267,27 @@ class TableSource(Source):
         base: Decimal | None = None
         values = np.empty(self._section.rows)
         for row, count, text in self._section.texts(self._path):
-            times = self._exact_numbers(place, text)
+            found = numbers_of(text, self._section.dialect, self._section.width, [place], "exact")
+            times = self._decimals(place, text) if found is None else found[0].to_pylist()
             if base is None:
-                base = next((time for time in times.to_pylist() if time is not None), None)
-            values[row : row + count] = differences(times, base or Decimal(0))
+                base = next((time for time in times if time is not None), None)
+            values[row : row + count] = (
+                [np.nan if time is None else float(EXACT.subtract(time, base or Decimal(0)))
+                 for time in times]
+                if found is None else differences(found[0], base or Decimal(0))
+            )  # fmt: skip
         head = self.heads[place]
-        return Clock(
-            head.name, head.unit, values, Fraction(base or 0), _Lines(self._section)
-        )  # fmt: skip
+        return Clock(head.name, head.unit, values, Fraction(base or 0), _Lines(self._section))
 
-    def _exact_numbers(self, place: int, text: str) -> "pyarrow.Array":
-        """Returns the numbers of a column in a text of rows as decimals."""
+    def _decimals(self, place: int, text: str) -> list[Decimal | None]:
+        """Returns the numbers of a column in a text of rows, with all of their digits."""
         dialect = self._section.dialect
-        found = numbers_of(text, dialect, self._section.width, [place], "exact")
-        if found is not None:
-            return found[0]
-        return exact_array(
+        return [
             Decimal(cell.replace(",", ".").replace("d", "e").replace("D", "e"))
-            if NUMBERS[dialect.decimal].match(cell) else None
+            if NUMBERS[dialect.decimal].match(cell) and abs(dialect.value(cell) or 0) < LARGEST_TIME
+            else None
             for cell in self._cells(place, text)
-        )  # fmt: skip
+        ]  # fmt: skip
 
 
 def _is_exact(values: Floats) -> bool:
