@@ -279,6 +279,20 @@ def siglent(s, rng):
     return Layout("Siglent", head, rows, {"force": (1, "CH1"), "position": (2, "CH2")}, units=VOLTS)
 
 
+def siglent_one(s, rng):
+    """One channel, whose name the file does not have."""
+    head = [
+        f"Record Length,Analog:{SAMPLES}",
+        f"Sample Rate,{1 / (s['time'][1] - s['time'][0]):.1f}",
+        "Vertical Scale,CH1: 0.05",
+        "Vertical Offset,CH1:0.00000",
+        "Horizontal Scale, 0.000010000",
+        "Second,Volt",
+    ]
+    rows = _rows(_fixed(s["time"], 11), _fixed(s["force"], 5))
+    return Layout("Siglent", head, rows, {"force": (1, "Volt")}, units=VOLTS)
+
+
 def twincat(s, rng):
     t_ms = _fixed(1e3 * (s["time"] - s["time"][0]), 4)
     separator, decimal = rng.choice([("\t", ","), ("\t", "."), (";", ",")])
@@ -543,6 +557,7 @@ MAKERS = (
     picoscope,
     digilent,
     siglent,
+    siglent_one,
     twincat,
     lvm,
     lvm_times,

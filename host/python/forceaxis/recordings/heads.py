@@ -44,6 +44,7 @@ CHANNEL_NAMES = ("tracename", "name", "channel", "channel name", "signal", "sign
                  "kanalname", "label")  # fmt: skip
 COUNTS = ("samples", "record length", "points", "blocksize", "number of samples", "anzahl werte")
 TIME_UNITS = ("horizontal units", "horizontal unit")
+KEYS = (*STEPS, *RATES, *BEGINS, *COUNTS, *CHANNEL_UNITS, *TIME_UNITS)
 # First words of files whose times are in s without saying so: {word in lower case: kind of file}
 TIMES_IN_S = {"lecroy": "LeCroy", "labview measurement": "LabVIEW LVM"}
 
@@ -188,9 +189,17 @@ def _lines_of(
     if timed:
         units = [k for k in range(timed[-1] + 1, len(above)) if has_units[k]]
         return above[timed[-1]], above[units[0]] if units else None
-    if has_units[-1] and len(above) > 1:
-        return above[-2], above[-1]
+    if has_units[-1]:
+        has_names = len(above) > 1 and not _has_key(section, above[-2])
+        return above[-2] if has_names else above[-1], above[-1]
     return above[-1], None
+
+
+def _has_key(section: Section, line: Line) -> bool:
+    """Returns True if a line has a key with its values, and no names of columns."""
+    ends = [cell.rpartition(":")[2].strip() for cell in line.cells[1:]]
+    values = [end for end in ends if section.is_damaged_row([end])]
+    return any(not cell.isdecimal() for cell in values) or line.cells[0].casefold() in KEYS
 
 
 def _keyed_heads(
