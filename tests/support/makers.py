@@ -678,7 +678,7 @@ def short_row(layout: Layout, rng: random.Random) -> None:
 
 
 def long_row(layout: Layout, rng: random.Random) -> None:
-    row = layout.rows[rng.randrange(len(layout.rows))]
+    row = rng.choice([row for row in layout.rows if row])
     row.insert(rng.randrange(len(row) + 1), "1.5")
 
 
