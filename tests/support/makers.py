@@ -4,6 +4,7 @@ The layouts are those that manuals and parsers describe; no file was copied. A `
 before it becomes text, so that changes of its structure still know which samples it has.
 """
 
+import collections
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -678,7 +679,8 @@ def short_row(layout: Layout, rng: random.Random) -> None:
 
 
 def long_row(layout: Layout, rng: random.Random) -> None:
-    row = rng.choice([row for row in layout.rows if row])
+    usual = collections.Counter(map(len, layout.rows)).most_common(1)[0][0]
+    row = rng.choice([row for row in layout.rows if len(row) == usual])
     row.insert(rng.randrange(len(row) + 1), "1.5")
 
 

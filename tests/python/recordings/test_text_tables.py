@@ -1,16 +1,21 @@
 """Text tables of other programs: what stood wrong in first imports, each with two siblings. Every
 expected number is that from which the file was made."""
 
+import json
 import re
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pyarrow
 import pytest
 from forceaxis import paths
+from forceaxis._core import InputError
 from forceaxis.recordings import signal_recording
+from forceaxis.recordings.importing import ImportRequest, import_source
+from forceaxis.recordings.reading import read_source
 from forceaxis.recordings.units import factor_of, unit_text_of
 from pyarrow import parquet
 from verbs import forceaxis
@@ -556,3 +561,55 @@ def test_a_long_table_takes_twice_the_memory_of_its_numbers(tmp_path):
     numbers_MiB = 2 * 8 * count / 2**20
     fixed_MiB = 90  # blocks of 4 MiB in the several forms of their text, and blocks of samples
     assert float(done.stdout) < 2 * numbers_MiB + fixed_MiB
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        table([f"{k};{990 + k:,}" for k in range(60)], "t [s];F_N\n"),
+        table([f"{k};{990 + k:,}".replace(",", ".") for k in range(60)], "t [s];F_N\n"),
+        table([f"{k}\t{k % 1000:,}" for k in range(2000)], "t [s]\tF_N\n"),
+    ],
+)
+def test_separators_of_thousands_are_no_decimal_signs(tmp_path, text):
+    said = refused(tmp_path, text.replace("999\n", "1,000\n"), "--map", "force=F_N")
+    assert "without separators of thousands" in said or "with a separator of thousands" in said
+    if ".000" in text:  # another number shows that a point is the decimal sign
+        sure = text.replace("\n0;", "\n0.5;")
+        signal, _ = imported(tmp_path, sure, "--map", "force=F_N")
+        assert signal.values[10] == 1.0
+
+
+@pytest.mark.parametrize("lines", ["s;N\nfloat;float", "KMD;1A2\ns;N", "float;float\ns;N\n\n"])
+def test_other_lines_between_names_and_rows(tmp_path, lines):
+    text = table(rows("{t:.3f};{f}"), f"Test;7\nTime;Force\n{lines}\n")
+    expect(imported(tmp_path, text, "--map", "force=Force")[0])
+
+
+def test_the_separator_is_one_character(tmp_path):
+    text = table(rows("{t:.3f}#{f}"), "t_s#F_N\n")
+    expect(imported(tmp_path, text, "--map", "force=F_N", "--separator", "#")[0])
+    (tmp_path / "made.npz").unlink()
+    said = refused(tmp_path, text, "--map", "force=F_N", "--separator", "##")
+    assert "--separator: expected one character such as ;" in said
+
+
+def test_three_decimals_everywhere_are_said(tmp_path):
+    text = table([f"{k};{12 + k / 8:.3f}" for k in range(60)], "t [ms];F_N\n")
+    signal, printed = imported(tmp_path, text, "--map", "force=F_N")
+    np.testing.assert_allclose(signal.values, 12 + STEPS / 8)
+    assert "F_N: 12.125 was read with three decimals, and not as 12125" in printed
+
+
+def test_several_recordings_as_json_and_in_the_library(tmp_path):
+    text = "t_s,F_N\n" + 2 * table(rows("{t:.3f},{f}"))
+    done = run(tmp_path, text, "--map", "force=F_N", "--json")
+    facts = json.loads(done.stdout)["recordings"]
+    assert [one["signals"][0]["samples"] for one in facts] == [60, 60]
+    assert [Path(one["file"]).name for one in facts] == ["made_1.npz", "made_2.npz"]
+    file = tmp_path / "source.csv"
+    with pytest.raises(InputError, match=r"expected one recording, got 2"):
+        import_source(read_source(file), file, ImportRequest(["force=F_N"]))
+    file.write_text("a,b\n" + table(rows("{k},{f}")) + "\nt_s,F_N,x\n" + table(rows("{t},{f},1")))
+    with pytest.raises(InputError, match=r"expected one section of rows, got 2"):
+        read_source(file)

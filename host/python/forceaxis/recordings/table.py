@@ -149,14 +149,19 @@ class TableSource(Source):
         broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
         if not len(broken):
             return
-        cell = self._cell(place, int(broken[0]))
-        if GROUPED.match(cell):
-            raise InputError(
-                f"{self.where}: line {self._section.line_of(int(broken[0]))}, "
-                f"{self.heads[place].name}: expected a number with a sure decimal sign, got "
-                f"{cell!r}, which may be {cell.replace('.', '').replace(',', '')}; export the "
-                "numbers without separators of thousands, or with four decimals"
-            )
+        cell, name = self._cell(place, int(broken[0])), self.heads[place].name
+        if not GROUPED.match(cell):
+            return
+        other = cell.replace(".", "").replace(",", "")
+        cells = [row[place] for row in rows if place < len(row) and not is_missing(row[place])]
+        if all(self._section.dialect.decimal in one for one in cells):
+            self._note(f"{name}: {cell} was read with three decimals, and not as {other}")
+            return
+        raise InputError(
+            f"{self.where}: line {self._section.line_of(int(broken[0]))}, {name}: expected a sure "
+            f"decimal sign, got {cell!r}, which may be {other}; export the numbers "
+            "without separators of thousands, or with four decimals"
+        )
 
     def _cell(self, place: int, row: int) -> str:
         """Returns the field of a row."""

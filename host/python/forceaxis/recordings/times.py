@@ -115,14 +115,10 @@ class Times:
         grid = self._source.heads[places[0]].grid
         stated = self._source.count
         has_counter = grid is not None and grid.counter is not None and self._request.rate is None
-        if (
-            place is None
-            and not has_counter
-            and stated
-            and stated >= LEAST_SAMPLES
-            and count % stated == 0
-        ):
-            return [slice(k, k + stated) for k in range(0, count, stated)]
+        if place is None and not has_counter and stated and stated >= LEAST_SAMPLES:
+            rest = count % stated
+            if count > stated and (rest == 0 or rest >= LEAST_SAMPLES):
+                return [slice(k, min(k + stated, count)) for k in range(0, count, stated)]
         is_column = place is not None or has_counter
         values = self._stamps(places[0], count).time_s if is_column else self._index(count)
         if values is None or len(values) != count:
