@@ -26,6 +26,7 @@ from forceaxis.recordings.source import TIME_NAMES, Grid, Head, time_by_name
 from forceaxis.recordings.units import IN_BRACKETS, factor_of, is_unit, split_name
 
 COMMENT = re.compile(r"^\s*(#|%|//|!)+\s*")
+KEY_MARK = re.compile(r"\s*([:=])\s*")  # between a key and its value
 # A blank before a unit in brackets does not separate columns.
 BLANK_BEFORE_UNIT = re.compile(r"\s+(?=[\[(][^\[\]()\s]*[\])])")
 SCOPE = "TwinCAT Scope"
@@ -292,7 +293,7 @@ def _keys_of(lines: Sequence[Line]) -> dict[str, tuple[Line, list[str]]]:
         first = next((k for k, cell in enumerate(cells) if cell), None)
         if first is None:
             continue
-        name, mark, value = line.text.strip().strip('"').partition(":")
+        name, mark, value = [*KEY_MARK.split(line.text.strip().strip('"'), 1), "", ""][:3]
         keys[cells[first].rstrip(":=").strip().casefold()] = (line, cells[first + 1 :])
         if mark and value.strip(' ",;\t') and len(name) < 40:
             values = [text.strip() for text in re.split(r"[,;\t:]", value.strip(' ",;\t'))]

@@ -327,13 +327,14 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
         notes.append(section.doubt)
     if (empty := _empty_lines(section)) and len(empty) < section.rows / 2:
         notes.append(f"{counted(len(empty), 'empty line')} between the rows, first line {empty[0]}")
-    skipped = section.skipped
-    few = "; ".join(
-        f"line {line.number}: {line.text.strip()[:SHOWN]}" for line in skipped[:SHOWN_LINES]
-    )
-    if skipped:
-        more = f"; and {len(skipped) - SHOWN_LINES} more" if len(skipped) > SHOWN_LINES else ""
-        notes.append(f"skipped {text_of(skipped)}, which are no rows: {few}{more}")
+    shown = [(line.number, line.text.strip()[:SHOWN]) for line in section.skipped[:SHOWN_LINES]]
+    if len(section.skipped) == 1:
+        notes.append(f"skipped line {shown[0][0]}, which is no row: {shown[0][1]}")
+    elif shown:
+        few = "; ".join(f"line {number}: {text}" for number, text in shown)
+        left = len(section.skipped) - len(shown)
+        more = f"; and {left} more" if left else ""
+        notes.append(f"skipped {text_of(section.skipped)}, which are no rows: {few}{more}")
     return notes
 
 
