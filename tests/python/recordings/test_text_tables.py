@@ -431,6 +431,9 @@ def test_two_tests_without_times_are_told_by_the_count_or_the_index(tmp_path):
     lines = [f"{k},{0.5 * k}" for k in (*range(60), *range(60))]
     done = run(tmp_path, table(lines, "n,F_N\n"), "--map", "force=F_N", "--rate", "1000")
     assert done.returncode == 0 and len(parts(tmp_path)) == 2
+    saw = [f"{0.5 * k}" for k in (*range(60), *range(60))]  # a force may look like an index
+    signal, _ = imported(tmp_path, table(saw, "F_N\n"), "--map", "force=F_N", "--rate", "1000")
+    expect(signal, np.tile(FORCE, 2))
     lines = [f"{0.5 * k}" for k in (*range(60), *range(60))]
     head = "Points:,60\nXInc:,1.0E-03\nXOrg:,0\nData:\n"
     done = run(tmp_path, table(lines, head), "--map", "force=1:N")

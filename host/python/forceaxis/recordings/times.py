@@ -31,6 +31,8 @@ LARGE_TIME_S = 1e5
 COARSE_SHARE = 0.1
 # A restart falls back by at least this many periods, and goes on with steps of at most so many.
 FALL_PERIODS, STEP_PERIODS = 8.0, 3.0
+# A column counts the samples if its steps differ by at most this share.
+EVEN_STEPS = 0.01
 RATED_SAMPLES = 200_000  # largest number of samples from which a rate is computed
 
 
@@ -120,21 +122,26 @@ class Times:
             if count > stated and (rest == 0 or rest >= LEAST_SAMPLES):
                 return [slice(k, min(k + stated, count)) for k in range(0, count, stated)]
         is_column = place is not None or has_counter
-        values = self._stamps(places[0], count).time_s if is_column else self._index(count)
+        values = self._stamps(places[0], count).time_s if is_column else self._index(places, count)
         if values is None or len(values) != count:
             return whole
         begins = [0, *restarts(values), count]
         return [slice(a, b) for a, b in itertools.pairwise(begins)]
 
-    def _index(self, count: int) -> Floats | None:
-        """Returns the numbers of the first column that counts the samples, if the times are those
-        of a rate or a grid."""
-        place = self._source.time_place()
+    def _index(self, places: list[int], count: int) -> Floats | None:
+        """Returns the numbers of the column of the times, or of the first one, if it counts the
+        samples in equal steps. `places`: columns that are signals."""
+        place = self._source.time_place() or 0
         try:
-            values = self._source.clock(0 if place is None else place).values
+            values = self._source.clock(place).values
         except InputError:
             return None
-        return values if len(values) == count and np.isfinite(values).all() else None
+        if place in places or len(values) != count or not np.isfinite(values).all():
+            return None
+        steps = np.diff(values)
+        rising = steps[steps > 0]
+        is_even = len(rising) > 0 and np.ptp(rising) <= EVEN_STEPS * np.median(rising)
+        return values if is_even else None
 
     def _stamps(self, place: int, count: int) -> _Stamps:
         time = self._place(place)
@@ -284,8 +291,7 @@ class Times:
                     f"repeat the sample before at the same time, first {clock.place(row(first))}"
                 )
             kept = np.flatnonzero(~repeated)
-            time_s, values, inner = time_s[kept], values[kept], row
-            row = lambda sample: inner(int(kept[sample]))  # noqa: E731
+            time_s, values, row = time_s[kept], values[kept], _row_behind(kept, row)
         wrong = np.flatnonzero(time_s[1:] <= time_s[:-1])
         if len(wrong):
             at = int(wrong[0])
@@ -311,6 +317,11 @@ class Times:
             f"sample, got {counted(len(time_s), 'sample')} with {counted(len(news), 'time')} in "
             f"steps of {step_s:.6g} s; {hint}"
         )
+
+
+def _row_behind(kept: NDArray[np.int64], row: Callable[[int], int]) -> Callable[[int], int]:
+    """Returns the function that gives the row of a sample, after only some samples were kept."""
+    return lambda sample: row(int(kept[sample]))
 
 
 def _grid(count: int, begin_s: float, step_s: float) -> Floats:
