@@ -367,6 +367,33 @@ def lvm_times(s, rng):
     return lvm(s, rng, True)
 
 
+def lvm_multi(s, rng):
+    """Each channel has a column with its own times."""
+    t = s["time"]
+    step = f"{t[1] - t[0]:.6f}"
+    head = [
+        "LabVIEW Measurement\t",
+        "Writer_Version\t2",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "Multi_Headings\tYes",
+        "X_Columns\tMulti",
+        "***End_of_Header***\t",
+        "\t",
+        "Channels\t2\t\t\t",
+        f"Samples\t{SAMPLES}\t\t{SAMPLES}\t",
+        "Y_Unit_Label\tN\t\tmm\t",
+        "X0\t0.0\t\t0.0\t",
+        f"Delta_X\t{step}\t\t{step}\t",
+        "***End_of_Header***\t\t\t\t",
+        "X_Value\tForce\tX_Value\tTravel\tComment",
+    ]
+    rows = _rows(_fixed(t, 6), _fixed(s["force"], 6), _fixed(t, 6), _fixed(s["position"], 6))
+    return Layout(
+        "LabVIEW LVM", head, rows, {"force": (1, "Force"), "position": (3, "Travel")}, "\t"
+    )
+
+
 def stm_studio(s, rng):
     head = ["STMStudio log file", "Acquisition period: 1 ms", "", "Time (ms)\tforce_N\ttravel"]
     rows = _rows(_fixed(1e3 * s["time"], 3), _fixed(s["force"], 4), _fixed(s["position"], 4))
@@ -562,6 +589,7 @@ MAKERS = (
     twincat,
     lvm,
     lvm_times,
+    lvm_multi,
     stm_studio,
     press_monitor,
     zwick,
