@@ -616,3 +616,23 @@ def test_several_recordings_as_json_and_in_the_library(tmp_path):
     file.write_text("a,b\n" + table(rows("{k},{f}")) + "\nt_s,F_N,x\n" + table(rows("{t},{f},1")))
     with pytest.raises(InputError, match=r"expected one section of rows, got 2"):
         read_source(file)
+
+
+@pytest.mark.parametrize(("unit", "digits"), [("ns", 9), ("us", 6), ("ms", 3), ("s", 0)])
+def test_times_since_1970_without_a_unit_tell_it_by_their_size(tmp_path, unit, digits):
+    step = 1 if digits else 1.0
+    stamps = [1_778_767_384 * 10**digits + step * k for k in range(60)]
+    text = table([f"{t},{f}" for t, f in zip(stamps, FORCE, strict=True)], "%time,field.z\n")
+    said = refused(tmp_path, text, "--map", "force=field.z:N")
+    assert f"write --time time:{unit}, as the numbers look like {unit} since 1970" in said
+    signal, _ = imported(tmp_path, text, "--map", "force=z:N", "--time", f"time:{unit}")
+    expect(signal, rate_hz=10.0**digits)
+
+
+def test_units_inside_of_names(tmp_path):
+    head = "Time (s) Run #1,Force (N) Run #1,Time (s) Run #2,Force (N) Run #2\n"
+    lines = [f"{k / 1000:.3f},{0.5 * k},{k},{-0.5 * k}" for k in range(60)]
+    signal, _ = imported(tmp_path, table(lines, head), "--map", "force=Force (N) Run #1")
+    expect(signal)
+    signal, _ = imported(tmp_path, table(lines, head), "--map", "force=Force Run #2")
+    expect(signal, -FORCE, rate_hz=1)

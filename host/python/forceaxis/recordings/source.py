@@ -31,7 +31,7 @@ TIME_NAMES = (
     *("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms", "time stamp"),
     *("zeitstempel", "uhrzeit", "date time", "datetime", "date/time", "elapsed time", "run time"),
     *("test time", "prüfzeit", "versuchszeit", "temps", "tempo", "tiempo", "x_value", "time_us"),
-    *("t_us", "time_ns", "t_ns"),
+    *("t_us", "time_ns", "t_ns", "__time", "elapsed", "seconds"),
 )
 
 

@@ -239,7 +239,7 @@ class Times:
         if factor is None:
             raise InputError(
                 f"{self._source.where}: {clock.name}: expected the unit of the times, got "
-                f"{unit or 'none'}; write `time` {clock.name}:ms, or :s, :us"
+                f"{unit or 'none'}; write `time` {clock.name}:{_units_for(clock)}"
             )
         if asked and clock.unit and (factor_of(clock.unit, "s") or factor) != factor:
             self._notes.append(
@@ -317,6 +317,16 @@ class Times:
             f"sample, got {counted(len(time_s), 'sample')} with {counted(len(news), 'time')} in "
             f"steps of {step_s:.6g} s; {hint}"
         )
+
+
+def _units_for(clock: Clock) -> str:
+    """Returns the units that a user can write for times without a unit. Numbers since 1970 tell it
+    by their size."""
+    first = abs(float(clock.base) + (float(clock.values[0]) if len(clock.values) else 0.0))
+    for unit, size in (("ns", 1e18), ("us", 1e15), ("ms", 1e12), ("s", 1e9)):
+        if 0.5 * size < first < 4 * size:
+            return f"{unit}, as the numbers look like {unit} since 1970"
+    return "ms, or :s, :us"
 
 
 def _row_behind(kept: NDArray[np.int64], row: Callable[[int], int]) -> Callable[[int], int]:

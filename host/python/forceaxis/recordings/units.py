@@ -63,6 +63,7 @@ SPELLINGS = {
 OTHER_UNITS = ("%", "bar", "degC", "deg C", "°C", "°F", "K", "rpm", "deg", "°", "Pa", "MPa", "kPa",
                "W", "dB", "psi", "Value", "Sequence", "Index", "N/mm²", "N/mm^2")  # fmt: skip
 IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+INSIDE = re.compile(r"^(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]\s*(?P<rest>\S.*)$")
 EXPLAINED = re.compile(r"^(?P<unit>[^\[\]()]+?)\s*[\[(][^\[\]()]*[\])]$")  # such as N (Newton)
 # A unit behind its name, such as "C1 in V", "Kraft / kN" or "Force, N"
 BEHIND = re.compile(r"^(?P<name>.*?)(?:\s*[,/]\s*|(?:^|\s+)in\s+)(?P<unit>[^\s,]+)$")
@@ -145,6 +146,8 @@ def split_name(header: str) -> tuple[str, str | None]:
     text = header.strip().strip('"').strip()
     if found := IN_BRACKETS.match(text):
         return found["name"].strip(), found["unit"].strip()
+    if (found := INSIDE.match(text)) and is_unit(found["unit"]):  # such as "Force (N) Run 1"
+        return f"{found['name']} {found['rest']}", found["unit"].strip()
     for ending, unit in sorted(ENDINGS.items(), key=lambda one: -len(one[0])):
         if text.endswith(f"_{ending}"):
             return text, unit
