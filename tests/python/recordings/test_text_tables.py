@@ -636,3 +636,22 @@ def test_units_inside_of_names(tmp_path):
     expect(signal)
     signal, _ = imported(tmp_path, table(lines, head), "--map", "force=Force Run #2")
     expect(signal, -FORCE, rate_hz=1)
+
+
+def test_a_column_that_steps_by_the_interval_of_the_header_has_the_times(tmp_path):
+    """The names lack one for the last column, so they name none; two rows are missing."""
+    lines = rows("{t:.3f},{f},TRUE")
+    del lines[30:32]
+    text = table(lines, "Sample Interval,1.0e-03\nTIME,CH1\n")
+    signal, printed = imported(tmp_path, text, "--map", "force=2:1N")
+    np.testing.assert_allclose(signal.time_s, np.delete(STEPS, [30, 31]) / 1e3)
+    assert "the times are those of column 1, whose steps are the sample interval of" in printed
+
+
+def test_a_first_row_with_a_text_in_front_is_named(tmp_path):
+    lines = [f"{k}\t{k},00\t{f:.2f}".replace(".", ",") for k, f in enumerate(FORCE)]
+    lines[0] = "#REF!\t0,00\t0,00"
+    text = table(lines, SCOPE.format(names="a\tb", unit="N"))
+    signal, printed = imported(tmp_path, text, "--map", "force=b")
+    np.testing.assert_allclose(signal.values, FORCE[1:])
+    assert "skipped line 11 above the rows, which is no row: #REF!" in printed

@@ -83,7 +83,7 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     if found.kind in TIMES_IN_S.values():
         _set_time_unit(found, "s")
     _add_grids(found, section, keys or side)
-    _add_time_of_interval(found, section, side)
+    _add_time_of_interval(found, section, keys | side)
     return found
 
 
@@ -414,12 +414,12 @@ def _counts(head: Head) -> bool:
 
 
 def _add_time_of_interval(
-    found: Heads, section: Section, side: Mapping[str, tuple[Line, list[str]]]
+    found: Heads, section: Section, keys: Mapping[str, tuple[Line, list[str]]]
 ) -> None:
-    """Names the column without a name whose steps are the interval that stands beside the rows, and
-    the column behind it by its source."""
-    interval = _seconds(side["sample interval"][1][0], "sample interval") if (
-        "sample interval" in side) else None  # fmt: skip
+    """Names the column without a name whose steps are the interval that the header states, and the
+    column behind it by its source, if the header stands beside the rows."""
+    key = next((k for k in STEPS if k in keys and keys[k][1]), "")
+    interval = _seconds(keys[key][1][0], key) if key else None
     if found.names is not None or interval is None:
         return
     for place in (k for k in section.checked if section.kinds[k] == NUMBER):
@@ -428,9 +428,13 @@ def _add_time_of_interval(
         is_step = np.isclose(steps, interval, rtol=0.02, atol=0)  # rows may be missing
         if is_step.sum() > max(2.0, 0.7 * len(steps)):
             found.heads[place] = Head("time", "s", found.heads[place].labels)
-            names = side.get("source", (None, [""]))[1]
+            found.notes.append(
+                f"the times are those of column {place + 1}, whose steps are the {key} of line "
+                f"{keys[key][0].number}"
+            )
+            names = keys["source"][1] if "source" in keys and section.kinds[0] == TEXT else [""]
             if place + 1 < len(found.heads) and names[0]:
-                unit = side.get("vertical units", (None, [""]))[1][0]
+                unit = keys["vertical units"][1][0] if "vertical units" in keys else ""
                 found.heads[place + 1] = Head(names[0], unit or None)
             return
 

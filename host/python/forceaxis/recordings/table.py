@@ -320,7 +320,8 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
         )
     used = {line.number for line in (found.names, found.units) if line is not None}
     for last in section.header[-1:]:
-        if last.number not in used and section.has_numbers(last) and found.kind != heads.SCOPE:
+        is_next = last.number == section.first_line - 1  # a blank line ends a header
+        if is_next and last.number not in used and section.has_numbers(last):
             text = last.text.strip()[:SHOWN]
             notes.append(f"skipped line {last.number} above the rows, which is no row: {text}")
     if section.doubt:
