@@ -327,6 +327,8 @@ WRONG = {
     "a byte 0 inside": (TOUCH[:90] + "\0" + TOUCH[90:], GOOD, r"line \d+: expected text, got a"),
     "a row too short": (changed(9, "0.007,1.0"), GOOD, r"line 9: expected 3 fields as in line 2"),
     "a row too long": (changed(9, "0.007,1.0,4,5"), GOOD, r"line 9: expected 3 fields .* got 4"),
+    "a row of missing values too short": (
+        changed(9, "NaN,NaN"), GOOD, r"line 9: expected 3 fields as in line 2"),
     "cut off": (TOUCH[:-9], GOOD, r"line 41: expected 3 fields .*perhaps because the file was cut"),
     "decimal commas between commas": (
         "t_s,F_N\n" + "".join(f"0,{k:03},1,5\n" for k in range(20)), GOOD,

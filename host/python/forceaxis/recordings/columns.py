@@ -109,9 +109,10 @@ class Section:
 
     def is_damaged_row(self, cells: Sequence[str]) -> bool:
         """Returns True if a line that is no row of the section may be one of its rows that was
-        damaged: it begins with a number."""
+        damaged: it begins with a number, or with a word for none."""
         first = next((cell for cell in cells if cell), "")
-        return _is_number(first, self.dialect) or clock.is_clock(first)
+        is_none = is_missing(first) and first[:1].isalpha()
+        return is_none or _is_number(first, self.dialect) or clock.is_clock(first)
 
     def has_numbers(self, line: Line) -> bool:
         """Returns True if a line has numbers where rows have them."""
