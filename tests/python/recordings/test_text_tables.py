@@ -655,3 +655,18 @@ def test_a_first_row_with_a_text_in_front_is_named(tmp_path):
     signal, printed = imported(tmp_path, text, "--map", "force=b")
     np.testing.assert_allclose(signal.values, FORCE[1:])
     assert "skipped line 11 above the rows, which is no row: #REF!" in printed
+
+
+def test_rows_behind_the_stated_samples_are_left_out_or_another_recording(tmp_path):
+    head = "Points:,60\nXInc:,1.0E-03\nXOrg:,0\nData:\n"
+    more = [f"{0.5 * k}" for k in (*range(60), *range(3))]
+    signal, printed = imported(tmp_path, table(more, head), "--map", "force=1:N")
+    expect(signal)
+    assert "the last 3 rows left out, behind the 60 samples that the source states" in printed
+    fewer = [f"{0.5 * k}" for k in range(40)]
+    signal, printed = imported(tmp_path, table(fewer, head), "--map", "force=1:N")
+    expect(signal, FORCE[:40])
+    assert "line 1 states 60 samples, and not 40" in printed
+    more = [f"{0.5 * k}" for k in (*range(60), *range(30))]
+    assert run(tmp_path, table(more, head), "--map", "force=1:N").returncode == 0
+    assert [len(one["force"].values) for one in parts(tmp_path)] == [60, 30]

@@ -119,7 +119,13 @@ class Times:
         has_counter = grid is not None and grid.counter is not None and self._request.rate is None
         if place is None and not has_counter and stated and stated >= LEAST_SAMPLES:
             rest = count % stated
-            if count > stated and (rest == 0 or rest >= LEAST_SAMPLES):
+            if count > stated and 0 < rest < LEAST_SAMPLES:
+                self._note(
+                    f"the last {counted(rest, 'row')} left out, behind the {stated} samples that "
+                    "the source states"
+                )
+                count -= rest
+            if count > stated or rest:
                 return [slice(k, min(k + stated, count)) for k in range(0, count, stated)]
         is_column = place is not None or has_counter
         values = self._stamps(places[0], count).time_s if is_column else self._index(places, count)
