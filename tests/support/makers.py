@@ -701,14 +701,19 @@ def footer(layout: Layout, rng: random.Random) -> None:
     layout.tail[:0] = rng.choice([["", "End of data"], ["Max" + layout.separator + "5"], ["---"]])
 
 
+def usual_row(layout: Layout, rng: random.Random) -> list[str]:
+    """A row with the usual number of fields. Two changes of one row could hide each other."""
+    usual = collections.Counter(map(len, layout.rows)).most_common(1)[0][0]
+    return rng.choice([row for row in layout.rows if len(row) == usual])
+
+
 def short_row(layout: Layout, rng: random.Random) -> None:
-    row = layout.rows[rng.randrange(len(layout.rows))]
+    row = usual_row(layout, rng)
     del row[rng.randrange(len(row))]
 
 
 def long_row(layout: Layout, rng: random.Random) -> None:
-    usual = collections.Counter(map(len, layout.rows)).most_common(1)[0][0]
-    row = rng.choice([row for row in layout.rows if len(row) == usual])
+    row = usual_row(layout, rng)
     row.insert(rng.randrange(len(row) + 1), "1.5")
 
 
