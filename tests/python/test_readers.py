@@ -338,7 +338,14 @@ def formats(tmp_path_factory):
             lambda p: parameter_file.read(p, 1),
             "toml:read",
         ),
-        text("touch.csv", touch, imported, "recordings.csv_source:_text"),
+        text(
+            "touch.csv",
+            touch,
+            imported,
+            "recordings.dialect:_decoded",
+            "recordings.dialect:_encoding_of",
+            "recordings.dialect:dialect_of",
+        ),
         text(
             "touch_down.csv",
             "time_s,force_N,predicted_N\n" + "".join(f"{i / 1e3},{i},{i}\n" for i in range(20)),
@@ -370,7 +377,7 @@ def formats(tmp_path_factory):
             hostile.of_arrays,
             hostile.npz,
             imported,
-            ("files:read_arrays", "files:array_of"),
+            ("files:read_arrays", "files:array_of", "recordings.reading:_read_archive"),
         ),
         Format(
             "known.npz",
@@ -407,7 +414,7 @@ def formats(tmp_path_factory):
                 "bus.recordings:reader_of",
                 "recordings.source:read_messages",
                 "recordings.source:_json_tables",
-                "recordings.reading:read_source",
+                "recordings.reading:read_sources",
             ),
         ),
         Format("log.lcm", messages, of_log, log_bytes, converted, ("bus.log:LogReader.__init__",)),
@@ -580,7 +587,7 @@ NO_FILES = {
             "commission.contact_fit:read_recordings",
             "commission.tune:Tuning._claim",
             "fmu.unit:_write",
-            "recordings.importing:import_source",
+            "recordings.importing:_digest",
             "recordings.reading:expect_log",
         ),
         BYTES,
@@ -703,7 +710,7 @@ def test_a_missing_number_is_nan_in_json_of_other_programs(tmp_path):
     rows = [{"time_s": i / 1000, "F": float("nan") if i == 7 else float(i)} for i in range(40)]
     (tmp_path / "some.mcap").write_bytes(mcap_bytes(rows))
     source = read_source(tmp_path / "some.mcap")
-    values = source.column("/ft/F").values
+    values = source.column(source.find("/ft/F", "maps")).values
     assert np.flatnonzero(np.isnan(values)).tolist() == [7] and values[8] == 8.0
 
 

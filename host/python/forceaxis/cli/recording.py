@@ -1,13 +1,22 @@
 """`forceaxis recording`: import files of other programs as recordings, and show recorded files."""
 
+import functools
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from forceaxis.cli.common import Verbs, aligned, as_json, print_json, print_result
+from forceaxis.cli.common import (
+    Verbs,
+    aligned,
+    as_json,
+    options_in,
+    print_json,
+    print_result,
+)
 from forceaxis.recordings import signal_recording
-from forceaxis.recordings.importing import Imported, ImportRequest, import_source
-from forceaxis.recordings.reading import read_source
+from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
+from forceaxis.recordings.reading import read_sources
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
 from forceaxis.recordings.source import Source
 from forceaxis.results import JsonObject, to_json
@@ -35,13 +44,13 @@ def recording() -> None:
     """
 
 
-def source_of(file: Path, separator: str | None) -> Source:
-    """Return a reader for a recorded file of any supported kind."""
+def sources_of(file: Path, separator: str | None) -> list[Source]:
+    """Return the readers for a file of any supported kind, one for each of its sections."""
     from forceaxis.commission import incident
 
     if incident.is_incident(file):
-        return incident.source_of(incident.load(file), file)
-    return read_source(file, separator)
+        return [incident.source_of(incident.load(file), file)]
+    return read_sources(file, separator)
 
 
 @recording.command(
@@ -55,8 +64,8 @@ def source_of(file: Path, separator: str | None) -> Source:
 @click.option(
     "--map", "maps", multiple=True, required=True, metavar="SIGNAL=[-]COLUMN[:UNIT],...",
     help="Signals to import. COLUMN is a name in FILE or the number of a column from 1; - changes "
-    "the sign. UNIT is a unit, or the size of a count such as 0.5um. Default: the unit in FILE. "
-    "Repeatable.",
+    "the sign. UNIT is a unit, or the size of a count such as 0.5um; N-250 subtracts 250 N from "
+    "the column. Default: the unit in FILE. Repeatable.",
 )  # fmt: skip
 @click.option("--time", metavar="COLUMN[:UNIT]", help="Column of the times. Default: by its name.")
 @click.option("--rate", type=float, help="Rate of the samples in Hz, for a FILE without times.")
@@ -64,6 +73,14 @@ def source_of(file: Path, separator: str | None) -> Source:
     "--delay", "delays", multiple=True, metavar="SIGNAL=TIME",
     help="Time by which a filter or a bus makes a signal late, such as force=2ms. Repeatable.",
 )  # fmt: skip
+@click.option(
+    "--zero", "zeros", multiple=True, metavar="SIGNAL=FROM:TO",
+    help="Stretch of time in s in which a signal is 0, such as force=0:0.2. Its median there is "
+    "subtracted. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--section", type=int, help="Number of the only recording to import from FILE. Default: all."
+)
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
@@ -79,30 +96,41 @@ def import_(
     time: str | None,
     rate: float | None,
     delays: tuple[str, ...],
+    zeros: tuple[str, ...],
+    section: int | None,
     separator: str | None,
     title: str,
     out: Path,
     as_json: bool,
 ) -> None:
-    """Import the signals of a recording from FILE: CSV of any dialect (also exports of TwinCAT
-    Scope and STM Studio), NPZ, Parquet, MCAP, an LCM log, a recording of the axis' own recorder, or
-    an incident.
+    """Import the signals of a recording from FILE: text tables of any dialect (CSV, also of
+    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), NPZ, Parquet, MCAP, an LCM log, a
+    recording of the axis' own recorder, or an incident.
 
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
     position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,
     speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
     keeps source, unit, sign, rate and delay of each signal. The command reports gaps, jumps,
-    saturation and constant stretches.
+    saturation and constant stretches, and the lines of FILE that are no rows. If FILE has several
+    recordings, they become NAME_1.npz, NAME_2.npz and so on.
     """
-    source = source_of(file, separator)
-    pairs = dict(text.partition("=")[::2] for text in delays)
-    texts = [text for given in maps for text in given.split(",") if text]
-    done = import_source(source, file, ImportRequest(texts, time, rate, pairs, title))
-    written = signal_recording.write(done.recording, out)
+    pairs, stretches = (
+        dict(text.partition("=")[::2] for text in texts) for texts in (delays, zeros)
+    )
+    texts = [text for given in maps for text in maps_of(given)]
+    request = ImportRequest(texts, time, rate, pairs, title, stretches, section)
+    found = import_sources(sources_of(file, separator), file, request)
+    name, facts = signal_recording.with_suffix(out), list[JsonObject]()
+    command = click.get_current_context().command
+    for number, imported in enumerate(found, 1):
+        done = replace(imported, notes=tuple(options_in(command, n) for n in imported.notes))
+        one = name.with_stem(f"{name.stem}_{number}") if len(found) > 1 else name
+        written = signal_recording.write(done.recording, one)
+        facts.append({**summary(done.recording), "notes": list(done.notes), "file": str(written)})
+        if not as_json:
+            print_result(done.recording, False, functools.partial(text_of, done), written)
     if as_json:
-        print_json({**summary(done.recording), "notes": list(done.notes), "file": str(written)})
-    else:
-        print_result(done.recording, False, lambda: text_of(done), written)
+        print_json(facts[0] if len(facts) == 1 else {"recordings": facts})
 
 
 @recording.command(
@@ -193,7 +221,8 @@ def _row(signal: RecordedSignal) -> tuple[str, ...]:
         f"{signal.values.min():.5g}",
         f"{signal.values.max():.5g}",
         f"{signal.delay_s:g}",
-        f"{sign}{signal.column}, {signal.source_unit}",
+        f"{sign}{signal.column}, {signal.source_unit}"
+        + (f", {signal.offset:+.6g} {signal.unit}" if signal.offset else ""),
     )
 
 
@@ -210,7 +239,7 @@ def findings_of(signal: RecordedSignal) -> list[str]:
             )
     more = {kind: count - SHOWN_FINDINGS for kind, count in left.items() if count > SHOWN_FINDINGS}
     return lines + [
-        f"{kind:12} {signal.name}: {counted(count, 'more stretch')}" for kind, count in more.items()
+        f"{kind:12} {signal.name}: {counted(count, 'more finding')}" for kind, count in more.items()
     ]
 
 

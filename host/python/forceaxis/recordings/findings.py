@@ -1,6 +1,5 @@
 """Finds unusual intervals in a recorded signal: gaps, jumps, saturation and constant intervals."""
 
-import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -21,6 +20,7 @@ SATURATED_QUANTA = 3.0
 # Smallest length in samples of a constant interval that is reported as unusual.
 # CONSTANT_FACTOR: smallest ratio of this length to the usual length of constant intervals.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
+BLOCK_SAMPLES = 1 << 20  # samples that are searched at once
 STATE_ENDINGS = (
     "_setpoint",
     "_command",
@@ -35,58 +35,72 @@ def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]
     constant intervals are usual."""
     found = list(gaps(time_s))
     if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
-        found += saturations(time_s, values)
-        found += jumps(time_s, values)
+        quantum = quantum_of(values)
+        found += saturations(time_s, values, quantum)
+        found += jumps(time_s, values, quantum)
         found += constants(time_s, values)
     return tuple(sorted(found, key=lambda one: one.from_s))
+
+
+def _blocks(count: int) -> Iterator[tuple[int, int]]:
+    """Yields (begin, end) of blocks of indices. A long recording is searched in blocks, so that the
+    search takes little memory."""
+    for begin in range(0, count, BLOCK_SAMPLES):
+        yield begin, min(begin + BLOCK_SAMPLES, count)
 
 
 def gaps(time_s: Floats) -> Iterator[SignalFinding]:
     """Yields a finding for each gap in which samples are missing."""
     if len(time_s) < 3:
         return
-    steps = np.diff(time_s)
-    period = float(np.median(steps))
-    for i in np.flatnonzero(steps > GAP_PERIODS * period):
-        missing = max(1, round(float(steps[i]) / period) - 1)
-        yield SignalFinding(
-            "gap", float(time_s[i]), float(time_s[i + 1]), missing,
-            f"no sample for {steps[i]:.4g} s, {counted(missing, 'sample')} missing",
-        )  # fmt: skip
+    period = float(np.median(np.diff(time_s[:BLOCK_SAMPLES])))
+    for begin, end in _blocks(len(time_s) - 1):
+        steps = np.diff(time_s[begin : end + 1])
+        for k in np.flatnonzero(steps > GAP_PERIODS * period):
+            i, step_s = begin + int(k), float(steps[k])
+            missing = max(1, round(step_s / period) - 1)
+            yield SignalFinding(
+                "gap", float(time_s[i]), float(time_s[i + 1]), missing,
+                f"no sample for {step_s:.4g} s, {counted(missing, 'sample')} missing",
+            )  # fmt: skip
 
 
-def jumps(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
+def jumps(time_s: Floats, values: Floats, quantum: float) -> Iterator[SignalFinding]:
     """Yields a finding for each step that is much larger than the steps before and after it. A lost
     count or a changed zero causes such a single step. While a contact force rises, in contrast, the
     neighbouring steps are large too."""
-    steps = np.abs(np.diff(values))
-    wide = JUMP_NEIGHBOURS
-    around = np.pad(steps, wide, mode="edge")
-    near = [around[k : k + len(steps)] for k in range(2 * wide + 1) if k != wide]
-    largest = np.max(near, axis=0)
-    quantum = quantum_of(values)
-    is_jump = steps > np.maximum(JUMP_FACTOR * np.maximum(largest, quantum), 1e-300)
-    is_jump &= steps > JUMP_SHARE * np.ptp(values)
-    for i in np.flatnonzero(is_jump):
-        yield SignalFinding(
-            "jump", float(time_s[i]), float(time_s[i + 1]), 2,
-            f"one step from {values[i]:.6g} to {values[i + 1]:.6g}",
-        )  # fmt: skip
+    wide, count = JUMP_NEIGHBOURS, len(values) - 1
+    least = JUMP_SHARE * float(values.max() - values.min())
+    for begin, end in _blocks(count):
+        low, high = max(begin - wide, 0), min(end + wide, count)
+        steps = np.abs(np.diff(values[low : high + 1]))
+        around = np.pad(steps, wide, mode="edge")
+        largest = np.full(len(steps), quantum)
+        for k in range(2 * wide + 1):
+            if k != wide:
+                np.maximum(largest, around[k : k + len(steps)], out=largest)
+        is_jump = (steps > np.maximum(JUMP_FACTOR * largest, 1e-300)) & (steps > least)
+        for at in np.flatnonzero(is_jump[begin - low : end - low]):
+            i = begin + int(at)
+            yield SignalFinding(
+                "jump", float(time_s[i]), float(time_s[i + 1]), 2,
+                f"one step from {values[i]:.6g} to {values[i + 1]:.6g}",
+            )  # fmt: skip
 
 
-def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
+def saturations(time_s: Floats, values: Floats, quantum: float) -> Iterator[SignalFinding]:
     """Yields a finding for each interval at the largest or smallest value, if the signal both
     enters and leaves it with a steep step. A converter at an end of its range causes such an
     interval."""
-    quantum = quantum_of(values)
-    steps = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
     for end in (float(values.max()), float(values.min())):
-        for a, b in _runs(values == end):
-            steep = max(steps[a], steps[b]) >= SATURATED_QUANTA * quantum
+        runs = _runs(values == end)
+        for a, b in runs[runs[:, 1] - runs[:, 0] >= SATURATED_SAMPLES].tolist():
             # An interval is saturation only if the signal both enters and leaves it with a step.
             # A signal that was at rest at an end of its range only leaves the interval.
-            inside = a > 0 and b < len(values) and min(steps[a], steps[b]) > 1.5 * quantum
-            if b - a >= SATURATED_SAMPLES and steep and inside:
+            if a == 0 or b == len(values):
+                continue
+            steps = sorted((abs(values[a] - values[a - 1]), abs(values[b] - values[b - 1])))
+            if steps[1] >= SATURATED_QUANTA * quantum and steps[0] > 1.5 * quantum:
                 yield SignalFinding(
                     "saturation", float(time_s[a]), float(time_s[b - 1]), b - a,
                     f"{b - a} samples at {end:.6g}, an end of the range",
@@ -96,34 +110,45 @@ def saturations(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     """Yields a finding for each long constant interval of a signal that otherwise changes. A failed
     sensor causes such intervals."""
-    lengths = _equal_runs(values)
+    runs = _runs(values[1:] == values[:-1])  # pairs of equal neighbours
+    lengths = runs[:, 1] - runs[:, 0] + 1
     # Half of the samples are in intervals of equal values that are at most this long.
     # A position at rest is often constant, so the usual length of a constant interval is needed.
-    usual = float(np.median(np.repeat([b - a for a, b in lengths], [b - a for a, b in lengths])))
+    usual = _median_length(lengths, len(values))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
-    for a, b in lengths:
-        if b - a >= least:
-            yield SignalFinding(
-                "constant", float(time_s[a]), float(time_s[b - 1]), b - a,
-                f"{b - a} samples of {values[a]:.6g}",
-            )  # fmt: skip
+    for a, last in runs[lengths >= least].tolist():
+        yield SignalFinding(
+            "constant", float(time_s[a]), float(time_s[last]), last - a + 1,
+            f"{last - a + 1} samples of {values[a]:.6g}",
+        )  # fmt: skip
+
+
+def _median_length(lengths: NDArray[np.int64], count: int) -> float:
+    """Returns the median, over `count` samples, of the length of the interval of equal values in
+    which a sample is. `lengths`: those of the intervals of two samples or more."""
+    known, times = np.unique(lengths, return_counts=True)
+    ends = count - int(lengths.sum()) + np.cumsum(known * times)  # samples in intervals so long
+    known, ends = np.append(1, known), np.append(count - int(lengths.sum()), ends)
+    middle = [known[np.searchsorted(ends, k, side="right")] for k in ((count - 1) // 2, count // 2)]
+    return float(np.mean(middle))
 
 
 def quantum_of(values: Floats) -> float:
     """Returns the smallest difference other than 0 between two values of a signal, or 0."""
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > 1e-9 * max(float(np.abs(values).max()), 1e-300)]
-    return float(steps.min()) if len(steps) else 0.0
+    ordered = np.sort(values)
+    noise = 1e-9 * max(abs(float(ordered[0])), abs(float(ordered[-1])), 1e-300)
+    smallest = np.inf
+    for begin, end in _blocks(len(ordered) - 1):
+        steps = np.diff(ordered[begin : end + 1])
+        smallest = min(smallest, float(np.min(steps, where=steps > noise, initial=np.inf)))
+    return smallest if np.isfinite(smallest) else 0.0
 
 
-def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Returns the index ranges [(begin, end)] in which an array is True."""
-    turns = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
-    return [(int(a), int(b)) for a, b in turns.reshape(-1, 2)]
-
-
-def _equal_runs(values: Floats) -> list[tuple[int, int]]:
-    """Returns the index ranges [(begin, end)] of successive equal values in an array."""
-    turns = np.flatnonzero(np.diff(values)) + 1
-    bounds = [0, *turns.tolist(), len(values)]
-    return list(itertools.pairwise(bounds))
+def _runs(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Returns the index ranges [(begin, end)] in which an array is True, as an array (n, 2)."""
+    turns = np.flatnonzero(inside[1:] != inside[:-1]) + 1
+    if inside[0]:
+        turns = np.insert(turns, 0, 0)
+    if inside[-1]:
+        turns = np.append(turns, len(inside))
+    return turns.reshape(-1, 2)

@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,32 +14,32 @@ from forceaxis.errors import ParameterError
 from forceaxis.recordings import findings
 from forceaxis.recordings.signal_recording import (
     UNITS,
-    Floats,
     RecordedSignal,
     RecordingSource,
     SignalRecording,
 )
 from forceaxis.recordings.source import Source, SourceColumn
-from forceaxis.recordings.units import factor_of, is_unit, si_unit_of
+from forceaxis.recordings.times import LEAST_SAMPLES, Times, rate_of
+from forceaxis.recordings.units import factor_of, hint_of, is_unit, si_unit_of, unit_text_of
 from forceaxis.words import suggestion
 
 NAME = re.compile(r"[a-z][a-z0-9_.]*$")
-LEAST_SAMPLES = 8
+# Commas between two maps; other commas belong to the name of a column.
+BETWEEN_MAPS = re.compile(r",(?=\s*[A-Za-z][\w.]*=)")
 DELAY_MAX_S = 1.0
-RATE_MAX_HZ = 10e6
-# If the times in s begin after this value, they are calendar times (s since 1970).
-LARGE_TIME_S = 1e5
 
 
 @dataclass(frozen=True)
 class SignalMap:
     """The assignment of a source column to a signal of the recording, which a user writes as
-    NAME=[-]COLUMN[:UNIT]."""
+    NAME=[-]COLUMN[:UNIT[OFFSET]]."""
 
     name: str
-    column: str
+    place: int  # place of the column in the source
+    text: str  # the column as the user has written it
     unit: str | None  # unit of the values in the column; None: the unit that the source states
     sign: int
+    offset: float  # what is added to the values in the column, in `unit`, before the sign
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,9 @@ class ImportRequest:
     rate: float | None = None  # sampling rate in Hz for a source that contains no times
     delay: Mapping[str, str] = field(default_factory=dict)  # {signal: delay with its unit}
     title: str = ""
+    # {signal: FROM:TO}, a stretch of time in s in which the signal is 0
+    zero: Mapping[str, str] = field(default_factory=dict)
+    section: int | None = None  # number of the only recording to import, from 1
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,15 @@ class Imported:
     notes: tuple[str, ...]
 
 
+def maps_of(text: str) -> list[str]:
+    """Returns the single maps in a text of several ones that are separated by commas. A column may
+    have commas in its name."""
+    return [one.strip() for one in BETWEEN_MAPS.split(text) if one.strip()]
+
+
 def parse_map(text: str, source: Source) -> SignalMap:
-    """Reads a SignalMap from a text of the form NAME=[-]COLUMN[:UNIT]. Raises ParameterError,
-    InputError."""
+    """Reads a SignalMap from a text of the form NAME=[-]COLUMN[:UNIT[OFFSET]]. Raises
+    ParameterError, InputError."""
     name, equals, rest = text.partition("=")
     if not (equals and rest.strip("-")):
         raise ParameterError("map", f"{text}: expected SIGNAL=COLUMN:UNIT, such as force=Fz:N")
@@ -75,24 +84,88 @@ def parse_map(text: str, source: Source) -> SignalMap:
             "map", f"{name}: expected a name of small letters, digits, _ and ., such as force, "
             "without time_ at its begin"
         )  # fmt: skip
-    known = source.names()
+    known, wanted = source.names(), UNITS.get(name)
     head, colon, unit = rest.rpartition(":")
+    given = unit_text_of(unit)
     if rest in known or not colon:
-        head, unit = rest, ""
-    elif not is_unit(unit) and factor_of(unit, UNITS.get(name, "1")) is None:
-        if head.lstrip("-") in known:
+        head, given = rest, unit_text_of("")
+    elif not is_unit(given.unit) and factor_of(given.unit, wanted or "1") is None:
+        try:
+            source.find(head.lstrip("-"), "maps")
+        except ParameterError:
+            head, given = rest, unit_text_of("")  # the colon belongs to the name
+        else:
+            hint = hint_of(given.unit, wanted or "N")
             raise ParameterError(
-                "map", f"{text}: expected a unit such as {UNITS.get(name, 'N')}, got {unit!r}"
+                "map", f"{text}: expected a unit such as {wanted or 'N'}, got {unit!r}; {hint}"
             )
-        head, unit = rest, ""
     is_negative = head.startswith("-") and head not in known
-    column = source.find(head[is_negative:], "maps")
-    return SignalMap(name, column, unit or None, -1 if is_negative else 1)
+    place = source.find(head[is_negative:], "maps")
+    return SignalMap(
+        name, place, head[is_negative:], given.unit or None, -1 if is_negative else 1, given.offset
+    )  # fmt: skip
 
 
 def import_source(source: Source, path: Path, request: ImportRequest) -> Imported:
-    """Returns a recording that contains the requested signals of a source. Raises InputError,
-    ParameterError."""
+    """Returns the recording that contains the requested signals of a source. Raises InputError,
+    ParameterError, also if the source has several recordings and `request` does not choose one."""
+    found = import_sources([source], path, request)
+    if len(found) > 1:
+        raise InputError(
+            f"{source.where}: expected one recording, got {len(found)} in which the times begin "
+            "again; write `section` 1 for the first one"
+        )
+    return found[0]
+
+
+def import_sources(sources: Sequence[Source], path: Path, request: ImportRequest) -> list[Imported]:
+    """Returns the recordings that contain the requested signals of the sections of a file. Sections
+    without these columns are named in the notes. Raises InputError, ParameterError."""
+    known, notes = _sources_with(sources, request)
+    found = [one for source in known for one in _import_parts(source, path, request)]
+    if request.section is not None:
+        if not 1 <= request.section <= len(found):
+            raise ParameterError(
+                "section", f"expected a number from 1 to {len(found)}, got {request.section}"
+            )
+        found = [found[request.section - 1]]
+    elif len(found) > 1:
+        notes.append(f"the file has {len(found)} recordings; `section` chooses one of them")
+    return [Imported(one.recording, (*notes, *one.notes)) for one in found]
+
+
+def _sources_with(
+    sources: Sequence[Source], request: ImportRequest
+) -> tuple[list[Source], list[str]]:
+    """Returns the sources that have all requested columns, and notes about the others. Raises
+    InputError, if none has, or if they have different columns behind the same numbers."""
+    known: list[Source] = []
+    errors: list[tuple[Source, ParameterError]] = []
+    for source in sources:
+        try:
+            for text in request.map:
+                parse_map(text, source)
+            known.append(source)
+        except ParameterError as error:
+            errors.append((source, error))
+    if not known:
+        raise max(errors, key=lambda one: len(one[0].heads))[1]
+    several = {tuple(source.names()) for source in known}
+    numbers = [text for text in request.map if re.match(r"[^=]*=-?#?\d+(:|$)", text)]
+    if len(several) > 1 and numbers and request.section is None:
+        lists = "; ".join(
+            f"{place}: {', '.join(source.names()[:4])}" for place, source in enumerate(known, 1)
+        )
+        raise ParameterError(
+            "map", f"{numbers[0]}: expected the name of a column, as {known[0].where} has sections "
+            f"with other columns ({lists}); write a name, or choose by `section`"
+        )  # fmt: skip
+    notes = [f"{source.notes[0]}: not imported, as {error.text}" for source, error in errors]
+    return known, notes
+
+
+def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Imported]:
+    """Returns the recordings in one source: a new one begins where its times begin again."""
     maps = [parse_map(text, source) for text in request.map]
     if not maps:
         few = ", ".join(source.names()[:12])
@@ -104,41 +177,103 @@ def import_source(source: Source, path: Path, request: ImportRequest) -> Importe
         if names.count(name) > 1:
             raise ParameterError("map", f"{name}: expected each signal once; remove one of the two")
     delays = {name: _delay_s(name, text, names) for name, text in request.delay.items()}
-    times = _Times(source, request)
+    zeros = {name: _stretch_of(name, text, names) for name, text in request.zero.items()}
     notes: list[str] = []
-    signals: list[RecordedSignal] = []
-    clocks: list[Floats] = []
-    for one in maps:
-        column = source.column(one.column)
-        unit, source_unit, factor = _unit_of(one, column, source, notes)
-        time_s, values = times.of(column)
-        if len(values) < LEAST_SAMPLES:
-            raise InputError(
-                f"{source.where}: {column.name}: expected at least {LEAST_SAMPLES} samples with a "
-                f"value, got {len(values)}; record for a longer time"
+    times = Times(source, request, notes)
+    columns = [source.column(one.place) for one in maps]
+    units = [_unit_of(*pair, source, notes) for pair in zip(maps, columns, strict=True)]
+    parts = times.parts([one.place for one in maps], len(columns[0].values))
+    digest = _digest(path)
+    found = []
+    for number, part in enumerate(parts, 1):
+        own: list[str] = []
+        if len(parts) > 1:
+            own.append(
+                f"recording {number} of {len(parts)}, which begin again in one section: "
+                f"{columns[0].place(part.start)} to {columns[0].place(part.stop - 1)}"
             )
-        clock = next((k for k, t in enumerate(clocks) if np.array_equal(t, time_s)), len(clocks))
-        if clock == len(clocks):
-            clocks.append(time_s)
-        values = values * (one.sign * factor)
-        # Digits of the sampling rate that are only rounding errors are removed.
-        rate_hz = float(f"{1 / np.median(np.diff(time_s)):.9g}")
-        signals.append(
-            RecordedSignal(
-                one.name, unit, column.name, source_unit, factor, one.sign,
-                rate_hz, delays.get(one.name, 0.0), str(clock),
-                findings.find(one.name, time_s, values), time_s, values,
-            )
+        signals: list[RecordedSignal] = []
+        for one, column, unit in zip(maps, columns, units, strict=True):
+            signals.append(_signal(one, column, unit, times, part, signals))
+            if one.name in zeros:
+                signals[-1] = _zeroed(signals[-1], *zeros[one.name], own)
+            delayed = delays.get(one.name, 0.0)
+            signals[-1] = _with_findings(signals[-1], delayed)
+        used = {one.place for one in maps} | times.used
+        rest = tuple(head.name for place, head in enumerate(source.heads) if place not in used)
+        about = RecordingSource(path.name, source.kind, *digest, times.origin_s, rest)
+        recording = SignalRecording(request.title or path.stem, about, tuple(signals))
+        found.append(Imported(recording, (*source.notes, *notes, *own)))
+    return found
+
+
+def _digest(path: Path) -> tuple[str, int]:
+    """Returns (SHA-256, size in bytes) of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest(), path.stat().st_size
+
+
+def _signal(
+    one: SignalMap, column: SourceColumn, unit: tuple[str, str, float], times: Times, part: slice,
+    others: Sequence[RecordedSignal],
+) -> RecordedSignal:  # fmt: skip
+    """Returns the signal of a part of a column, without its findings. `others`: signals with whose
+    clock it may share its times."""
+    time_s, values = times.of(one.place, column, part)
+    if len(values) < LEAST_SAMPLES:
+        raise InputError(
+            f"{times.where}: {column.name}: expected at least {LEAST_SAMPLES} samples with a "
+            f"value, got {len(values)}; record for a longer time, or choose another column"
+        )
+    alike = next((o for o in others if np.array_equal(o.time_s, time_s)), None)
+    clock = alike.clock if alike is not None else str(len({o.clock for o in others}))
+    factor = one.sign * unit[2]
+    offset = factor * one.offset
+    if factor != 1 or offset:  # the values belong to this column alone
+        values *= factor
+        values += offset
+    return RecordedSignal(
+        one.name, unit[0], column.name, unit[1], unit[2], one.sign, rate_of(time_s), 0.0, clock, (),
+        alike.time_s if alike is not None else time_s, values, offset=offset,
+    )  # fmt: skip
+
+
+def _zeroed(signal: RecordedSignal, from_s: float, to_s: float, notes: list[str]) -> RecordedSignal:
+    """Returns a signal minus its median in a stretch of time in which it is 0."""
+    inside = (signal.time_s >= from_s) & (signal.time_s <= to_s)
+    if inside.sum() < LEAST_SAMPLES:
+        raise ParameterError(
+            "zero", f"{signal.name}: expected a stretch with at least {LEAST_SAMPLES} samples "
+            f"between {signal.time_s[0]:.6g} and {signal.time_s[-1]:.6g} s, got {inside.sum()}"
         )  # fmt: skip
-    used = {one.column for one in maps} | times.used
-    rest = tuple(name for name in source.names() if name not in used)
-    data = path.read_bytes()
-    about = RecordingSource(
-        path.name, source.kind, hashlib.sha256(data).hexdigest(), len(data), times.origin_s, rest
+    zero = float(np.median(signal.values[inside]))
+    notes.append(
+        f"{signal.name}: {zero:.6g} {signal.unit} subtracted, the median from {from_s:g} to "
+        f"{to_s:g} s"
     )
-    return Imported(
-        SignalRecording(request.title or path.stem, about, tuple(signals)), tuple(notes)
-    )
+    np.subtract(signal.values, zero, out=signal.values)
+    return replace(signal, offset=signal.offset - zero)
+
+
+def _with_findings(signal: RecordedSignal, delay_s: float) -> RecordedSignal:
+    found = findings.find(signal.name, signal.time_s, signal.values)
+    return replace(signal, delay_s=delay_s, findings=found)
+
+
+def _stretch_of(name: str, text: str, names: Sequence[str]) -> tuple[float, float]:
+    """Returns (begin, end) in s of the stretch of time FROM:TO of a signal."""
+    if name not in names:
+        raise ParameterError(
+            "zero", f"{name}: expected one of the signals {', '.join(names)}"
+            f"{suggestion(name, names)}"
+        )  # fmt: skip
+    ends = [_core.quantity_in(end if end[-1:].isalpha() else f"{end}s", "s")
+            for end in map(str.strip, text.split(":"))]  # fmt: skip
+    if len(ends) != 2 or ends[0] is None or ends[1] is None or not ends[0] < ends[1]:
+        raise ParameterError(
+            "zero", f"{name}={text}: expected a stretch of time FROM:TO in s, such as 0:0.2"
+        )
+    return ends[0], ends[1]
 
 
 def _delay_s(name: str, text: str, names: Sequence[str]) -> float:
@@ -162,11 +297,11 @@ def _unit_of(
     """Returns (SI unit, unit in the source, factor between them) of a signal. Raises InputError."""
     given = one.unit if one.unit is not None else column.unit
     wanted = UNITS.get(one.name)
-    where = f"{source.where}: {column.name}"
+    where, asked = f"{source.where}: {column.name}", f"`maps` {one.name}={one.text}"
     if given is None and wanted not in ("count", "1", None):
         raise InputError(
             f"{where}: expected the unit of this column, but the source states none; write "
-            f"`maps` {one.name}={one.column}:UNIT, such as :{wanted}"
+            f"{asked}:UNIT, such as :{wanted}"
         )
     given = given or ""
     if wanted is None:
@@ -178,8 +313,7 @@ def _unit_of(
         unit_kind = f"a unit of {one.name}, such as {wanted}" if wanted else "an SI unit"
         raise InputError(
             f"{where}: expected {unit_kind}, got {given!r}; write another unit in "
-            f"`maps` {one.name}={one.column}:UNIT. For counts, UNIT is the size of one count, "
-            "such as 0.5um"
+            f"{asked}:UNIT; {hint_of(given, wanted or '1')}"
         )
     if column.unit not in (None, "count") and one.unit is not None:
         size = factor_of(column.unit or "", found[0])
@@ -189,94 +323,3 @@ def _unit_of(
                 f"was read in {one.unit} as asked for"
             )
     return found[0], given or "1", found[1]
-
-
-class _Times:
-    """The times in s at which the samples of a source were taken."""
-
-    def __init__(self, source: Source, request: ImportRequest) -> None:
-        self._source, self._request = source, request
-        self._known: dict[str, tuple[Floats, SourceColumn]] = {}
-        self.used: set[str] = set()
-        self.origin_s = 0.0
-        if request.time is not None and request.rate is not None:
-            raise ParameterError("rate", "expected either a column of times or a rate, got both")
-        if request.rate is not None and not 0 < request.rate <= RATE_MAX_HZ:
-            raise ParameterError(
-                "rate", f"expected a rate up to {RATE_MAX_HZ:g} Hz, got {request.rate:g}"
-            )
-
-    def of(self, column: SourceColumn) -> tuple[Floats, Floats]:
-        """Returns (times, values) of the samples of a column that have a value. A sample that
-        repeats the previous sample at the same time is left out. Raises InputError."""
-        has_value = ~np.isnan(column.values)
-        if self._request.rate is not None:
-            time_s = np.arange(len(column.values)) / self._request.rate
-            return time_s[has_value], column.values[has_value]
-        time_s, times = self._column(self._name(column))
-        if len(time_s) != len(column.values):
-            raise InputError(
-                f"{self._source.where}: {column.name}: expected {len(time_s)} values, as many as "
-                f"in the column {times.name}, got {len(column.values)}; choose another column of "
-                "times"
-            )
-        places = np.flatnonzero(has_value)
-        without = np.flatnonzero(has_value & np.isnan(time_s))
-        if len(without):
-            raise InputError(
-                f"{self._source.where}: {times.place(int(without[0]))}: expected a time for the "
-                f"value of {column.name}, got none; add the time or remove the sample"
-            )
-        time_s, values = time_s[places], column.values[places]
-        repeated = np.append(False, (np.diff(time_s) == 0) & (np.diff(values) == 0))[: len(time_s)]
-        time_s, values, places = time_s[~repeated], values[~repeated], places[~repeated]
-        wrong = np.flatnonzero(np.diff(time_s) <= 0)
-        if len(wrong):
-            at = int(places[wrong[0] + 1])
-            raise InputError(
-                f"{self._source.where}: {times.place(at)}: expected a time later than that of the "
-                f"sample before, {time_s[wrong[0]]:.9g} s, got {time_s[wrong[0] + 1]:.9g} s; sort "
-                "the samples, or export a recording during which the clock was not restarted"
-            )
-        return time_s, values
-
-    def _wanted(self) -> tuple[str | None, str | None]:
-        """Returns the (column, unit) of the times that the request of the user names."""
-        text = self._request.time
-        if text is None:
-            return None, None
-        head, colon, unit = text.rpartition(":")
-        if not colon or text in self._source.names():
-            head, unit = text, ""
-        return self._source.find(head, "time"), unit or None
-
-    def _name(self, column: SourceColumn) -> str:
-        source = self._source
-        name = self._wanted()[0] or column.time_column or source.time_name()
-        if name is None or name not in source.names():
-            raise InputError(
-                f"{source.where}: expected a column of times, got {', '.join(source.names()[:12])};"
-                " write `time` COLUMN:UNIT, or `rate` HZ for samples at a constant rate"
-            )
-        return name
-
-    def _column(self, name: str) -> tuple[Floats, SourceColumn]:
-        if name not in self._known:
-            column = self._source.column(name)
-            unit = self._wanted()[1] or column.unit
-            factor = factor_of(unit, "s") if unit else None
-            if name.rpartition("/")[2] == "tick" and not unit:
-                factor = 1 / _core.TICKS_PER_SECOND
-            if factor is None:
-                raise InputError(
-                    f"{self._source.where}: {name}: expected the unit of the times, got "
-                    f"{unit or 'none'}; write `time` {name}:ms, or :s, :us"
-                )
-            self.used.add(name)
-            known = column.values[~np.isnan(column.values)]
-            begin_s = float(known[0]) * factor if len(known) else 0.0
-            if not self._known and abs(begin_s) > LARGE_TIME_S:
-                self.origin_s = float(np.floor(begin_s))
-            # The origin is subtracted before the conversion to s, so that no digits are lost.
-            self._known[name] = (column.values - self.origin_s / factor) * factor, column
-        return self._known[name]

@@ -1,26 +1,55 @@
 """Reads a file of another program as a source of recordings. The function that reads the file is
 selected by its content."""
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
-from forceaxis.recordings.csv_source import CsvSource
+from forceaxis.recordings.dialect import is_text
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
+from forceaxis.recordings.table import read_tables
 
 # suffixes of files that contain a table of numbers, such as CSV
 TABLES = (".csv", ".tsv", ".txt", ".parquet")
 LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
+
+def _read_archive(path: Path) -> Source:
+    """Reads a ZIP archive, if it is one of arrays. Raises InputError."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (OSError, zipfile.BadZipFile, NotImplementedError):
+        names = []  # the reader of arrays says what is wrong
+    if "[Content_Types].xml" in names or any(n.startswith(("xl/", "content.xml")) for n in names):
+        raise InputError(
+            f"{paths.display(path)}: expected a text table or arrays, got a workbook; save the "
+            "sheet with the data as CSV in the program that made it"
+        )
+    if names and not any(name.endswith(".npy") for name in names):
+        raise InputError(
+            f"{paths.display(path)}: expected a text table or arrays, got a ZIP archive with "
+            f"{names[0]}; unpack it, and import the file inside"
+        )
+    return read_npz(path)
+
+
 # (first bytes of a file, function that reads such a file)
 READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
-    (b"PK", read_npz),
+    (b"PK", _read_archive),
     (b"PAR1", read_parquet),
     (MCAP_MAGIC, read_messages),
     (LCM_MARK, read_messages),
+)
+# (first bytes of a file, kind of the file, what a user can do with it)
+FOREIGN = (
+    (b"TDSm", "a TDMS file of LabVIEW", "export it as text (LVM) or CSV in LabVIEW or DIAdem"),
+    (b"MDF     ", "a measurement file (MDF)", "export it as CSV, such as with asammdf"),
+    (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save the sheet with the data as CSV"),
 )
 
 
@@ -38,13 +67,13 @@ def expect_log(path: Path) -> None:
         )
 
 
-def read_source(path: Path, separator: str | None = None) -> Source:
-    """Reads a file as a source of recordings. The content of the file selects the kind of source.
-    `separator`: character between the columns of a CSV file, or None to find it. Raises InputError,
-    OSError."""
+def read_sources(path: Path, separator: str | None = None) -> list[Source]:
+    """Reads a file as sources of recordings, one for each section of a text table. The content of
+    the file selects the kind of source. `separator`: character between the columns of a CSV file,
+    or None to find it. Raises InputError, OSError."""
     where = paths.display(path)
     with path.open("rb") as file:
-        start = file.read(64)
+        start = file.read(256)
     if not start:
         raise InputError(f"{where}: expected a file with data, got an empty file; record again")
     if is_recording(path):
@@ -54,10 +83,27 @@ def read_source(path: Path, separator: str | None = None) -> Source:
         )
     for mark, read in READERS:
         if start.startswith(mark):
-            return read(path)
-    if b"\0" in start and not start.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return [read(path)]
+    for mark, kind, remedy in FOREIGN:
+        if start.startswith(mark):
+            raise InputError(
+                f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or "
+                f"incident, got {kind}; {remedy}"
+            )
+    if not is_text(start[:64]):
         raise InputError(
             f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or incident, "
             "got other binary data; export the data as one of these kinds"
         )
-    return CsvSource(path, separator)
+    return read_tables(path, separator)
+
+
+def read_source(path: Path, separator: str | None = None) -> Source:
+    """Reads a file with one section as a source of recordings. Raises InputError, OSError."""
+    sources = read_sources(path, separator)
+    if len(sources) > 1:
+        raise InputError(
+            f"{paths.display(path)}: expected one section of rows, got {len(sources)}; use "
+            "`import_recording`, which imports each of them"
+        )
+    return sources[0]

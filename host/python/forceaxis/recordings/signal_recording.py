@@ -16,7 +16,6 @@ table [[signal]] for each signal, with the fields of SignalHeader.
 """
 
 import dataclasses
-import io
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -78,8 +77,8 @@ class SignalFinding:
 class SignalHeader:
     """The data of one signal in the header of a recording, without its samples.
 
-    values = sign * factor * (value in the source), in `unit`. If a filter or a bus delays a signal,
-    its value was true `delay_s` before its time.
+    values = sign * factor * (value in the source) + offset, in `unit`. If a filter or a bus delays
+    a signal, its value was true `delay_s` before its time.
     """
 
     name: str
@@ -88,10 +87,11 @@ class SignalHeader:
     source_unit: str  #: unit of the column in the source
     factor: float  #: size of the source unit in `unit`, > 0
     sign: int  #: sign of `values` relative to the source, 1 or -1
-    rate_hz: float  #: median rate of the samples in Hz
+    rate_hz: float  #: rate of equally spaced samples in Hz, or median rate of others
     delay_s: float = 0.0
     clock: str = "0"  #: name of the time base
     findings: tuple[SignalFinding, ...] = ()
+    offset: float = field(default=0.0, kw_only=True)  #: what was added to the values, in `unit`
 
     @property
     def header(self) -> "SignalHeader":
@@ -181,11 +181,13 @@ class SignalRecording:
         replace the time stamps of each signal, if no stamp differs from them by more than
         EVEN_SHARE of a step or of the period of the signal. Files that round their times have such
         stamps."""
-        signals = (replace(s, time_s=_even(s.time_s, EVEN_SHARE * step_s)) for s in self.signals)
+        signals = (
+            replace(s, time_s=even_times(s.time_s, EVEN_SHARE * step_s)) for s in self.signals
+        )
         return replace(self, signals=tuple(signals))
 
 
-def _even(time_s: Floats, within_s: float) -> Floats:
+def even_times(time_s: Floats, within_s: float = np.inf) -> Floats:
     """Returns the equally spaced times that fit ascending time stamps best. Samples may be missing
     between them. Returns the stamps unchanged if one of them is farther from its time than
     `within_s` or EVEN_SHARE of the period."""
@@ -263,10 +265,10 @@ def write(recording: SignalRecording, path: Path) -> Path:
         # The archive has a fixed date, so that the files of equal recordings have equal bytes.
         archive.writestr(zipfile.ZipInfo(HEADER), _header(recording), zipfile.ZIP_DEFLATED)
         for name, values in arrays.items():
-            array = io.BytesIO()
-            np.save(array, np.asarray(values, dtype=np.float64))
             info = zipfile.ZipInfo(f"{name}.npy")
-            archive.writestr(info, array.getvalue(), zipfile.ZIP_DEFLATED)
+            info.compress_type, info.file_size = zipfile.ZIP_DEFLATED, values.nbytes
+            with archive.open(info, "w") as part:
+                np.lib.format.write_array(part, np.asarray(values, dtype=np.float64))
     return path
 
 

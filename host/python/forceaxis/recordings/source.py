@@ -2,8 +2,9 @@
 with times."""
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import TypeAlias
 
@@ -16,6 +17,7 @@ from forceaxis.bus import log_tables
 from forceaxis.bus.message_rows import Row
 from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
 from forceaxis.errors import ParameterError
+from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.units import split_name
 from forceaxis.words import suggestion
@@ -25,7 +27,34 @@ Table: TypeAlias = Mapping[str, NDArray[np.generic]]
 # Largest magnitude of a number in a source. A larger number shows that the file is damaged.
 LARGEST_NUMBER = 1e100
 # Usual names, in lower case, of a column with times, in the order in which they are tried.
-TIME_NAMES = ("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms")
+TIME_NAMES = (
+    *("time_s", "t_s", "time", "t", "zeit", "timestamp", "tick", "time_ms", "t_ms", "time stamp"),
+    *("zeitstempel", "uhrzeit", "date time", "datetime", "date/time", "elapsed time", "run time"),
+    *("test time", "prüfzeit", "versuchszeit", "temps", "tempo", "tiempo", "x_value", "time_us"),
+    *("t_us", "time_ns", "t_ns", "__time", "elapsed", "seconds"),
+)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Equally spaced times that a source states by numbers instead of a column: begin and step."""
+
+    begin_s: float
+    step_s: float
+    text: str  # where the source states them, such as "Increment 0.001 of line 2"
+    counter: int | None = None  # place of a column that counts the steps; None: each row is one
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a source says about one of its columns. The column itself is known by its place, from 0.
+    No two columns of a source have the same name."""
+
+    name: str
+    unit: str | None = None  # unit that the source states
+    labels: tuple[str, ...] = ()  # other names that the source displays for the column
+    time: int | None = None  # place of the column with its times; None: that of the source
+    grid: Grid | None = None
 
 
 @dataclass(frozen=True)
@@ -37,8 +66,6 @@ class SourceColumn:
     # values of the column; NaN means that the column has no value there
     values: Floats = field(repr=False)
     lines: Sequence[int] = field(repr=False, default=())
-    # name of the column that has the times of these values; None: that of the whole source
-    time_column: str | None = None
 
     def place(self, sample: int) -> str:
         """Returns the place of a sample in its file as text for messages, such as "line 7, Fz"."""
@@ -48,40 +75,52 @@ class SourceColumn:
 
 
 class Source(abc.ABC):
-    """A file that is read as a source of recordings. `where`: name of the file in messages. `kind`:
-    text that describes the kind of file."""
+    """A file, or a section of a file, that is read as a source of recordings. `where`: name of the
+    file in messages. `kind`: text that describes the kind of file. `notes`: what a user has to know
+    about the reading."""
 
     where: str
     kind: str
+    heads: Sequence[Head]
+    notes: list[str]
+    count: int | None = None  # number of samples of a recording that the source states
 
     @abc.abstractmethod
+    def column(self, place: int) -> SourceColumn:
+        """Returns the column at a place. Raises InputError."""
+
+    @abc.abstractmethod
+    def clock(self, place: int) -> Clock:
+        """Returns the times in the column at a place. Raises InputError."""
+
     def names(self) -> list[str]:
         """Returns the names of the columns of the source, without units."""
+        return [head.name for head in self.heads]
 
-    @abc.abstractmethod
-    def column(self, name: str) -> SourceColumn:
-        """Returns the column with a name that names() contains. Raises InputError."""
-
-    def find(self, text: str, parameter: str) -> str:
-        """Returns the full name of the column that a user means. The user writes the name, the end
-        of a name after "/" or ".", or the number of the column from 1. Raises InputError."""
+    def find(self, text: str, parameter: str) -> int:
+        """Returns the place of the column that a user means. The user writes one of its names, the
+        end of a name after "/" or ".", or the number of the column from 1, also as #1. Raises
+        InputError."""
+        number = int(text.lstrip("#")) if text.lstrip("#").isdecimal() else 0
+        number = number if 1 <= number <= len(self.heads) else 0
+        if text.startswith("#") and number:
+            return number - 1
+        named = self._named(text)
+        if len(named) > 1:
+            several = ", ".join(f"#{place + 1} {self.heads[place].name}" for place in named)
+            raise ParameterError(
+                parameter, f"expected the name of one column of {self.where}, got {text}, which is "
+                f"{several}; write one of these names, or the number with #"
+            )  # fmt: skip
+        if named and number and named != [number - 1]:
+            raise ParameterError(
+                parameter, f"expected one column of {self.where}, got {text}, which is the number "
+                f"of column {number} and the name of column {named[0] + 1}; write #{number} or "
+                f"#{named[0] + 1}"
+            )  # fmt: skip
+        if named or number:
+            return named[0] if named else number - 1
         known = self.names()
-        if text in known:
-            return text
-        small = text.casefold()
-        alike = [n for n in known if n.casefold() == small or split_name(n)[0].casefold() == small]
-        ends = [n for n in known if n.casefold().endswith(("/" + small, "." + small))]
-        for found in (alike, ends):
-            if len(found) == 1:
-                return found[0]
-            if found:
-                raise ParameterError(
-                    parameter,
-                    f"expected the name of one column of {self.where}, got {text}, which is "
-                    f"{', '.join(found)}; write one of these names",
-                )
-        if text.isdigit() and 1 <= int(text) <= len(known):
-            return known[int(text) - 1]
         few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
         raise ParameterError(
             parameter,
@@ -89,11 +128,32 @@ class Source(abc.ABC):
             f"{suggestion(text, known) or '; write one of these names'}",
         )
 
-    def time_name(self) -> str | None:
-        """Returns the name of the column with the times, or None if no column has such a name."""
-        known = {split_name(name)[0].casefold(): name for name in reversed(self.names())}
-        known |= {name.casefold(): name for name in reversed(self.names())}
-        return next((known[name] for name in TIME_NAMES if name in known), None)
+    def _named(self, text: str) -> list[int]:
+        """Returns the places of the columns that a text names, by the strictest rule that any of
+        them meets."""
+        small = text.casefold()
+        rules: tuple[Callable[[Head], bool], ...] = (
+            lambda head: head.name == text,
+            lambda head: text in head.labels,
+            lambda head: small in {n.casefold() for n in (head.name, *head.labels)},
+            lambda head: split_name(head.name)[0].casefold() == small,
+            lambda head: head.name.casefold().endswith(("/" + small, "." + small)),
+        )
+        found = ([k for k, head in enumerate(self.heads) if rule(head)] for rule in rules)
+        return next((places for places in found if places), [])
+
+    def time_place(self) -> int | None:
+        """Returns the place of the column with the times, or None if no column has such a name."""
+        return time_by_name(self.names())
+
+
+def time_by_name(names: Sequence[str]) -> int | None:
+    """Returns the place of the name of a column with times, or None if no name is such a name."""
+    known: dict[str, int] = {}
+    for place, name in enumerate(names):
+        known.setdefault(name.casefold(), place)
+        known.setdefault(split_name(name)[0].casefold(), place)
+    return next((known[name] for name in TIME_NAMES if name in known), None)
 
 
 class ArraySource(Source):
@@ -104,14 +164,19 @@ class ArraySource(Source):
         self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
         units: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
-        self.where, self.kind = paths.display(path), kind
-        self._table, self._times, self._units = table, times or {}, units or {}
+        self.where, self.kind, self.notes = paths.display(path), kind, []
+        self._table = list(table.values())
+        places = {name: place for place, name in enumerate(table)}
+        self.heads = [
+            Head(
+                name, (units or {}).get(name) or split_name(name.rpartition("/")[2])[1], (),
+                places.get((times or {}).get(name, "")),
+            )
+            for name in table
+        ]  # fmt: skip
 
-    def names(self) -> list[str]:
-        return list(self._table)
-
-    def column(self, name: str) -> SourceColumn:
-        given = np.asarray(self._table[name])
+    def _array(self, place: int) -> NDArray[np.generic]:
+        given, name = np.asarray(self._table[place]), self.heads[place].name
         if given.ndim != 1 or given.dtype.kind not in "iufbM":
             raise InputError(
                 f"{self.where}: {name}: expected an array of numbers in one dimension, got "
@@ -122,22 +187,45 @@ class ArraySource(Source):
                 f"{self.where}: {name}: expected samples, got none; choose another column or "
                 "record again"
             )
+        return given
+
+    def column(self, place: int) -> SourceColumn:
+        given = self._array(place)
         if given.dtype.kind == "M":
-            given = (given - given[0]) / np.timedelta64(1, "ns") * 1e-9
+            raise InputError(
+                f"{self.where}: {self.heads[place].name}: expected numbers, got times of a "
+                "calendar; choose another column"
+            )
         values = given.astype(np.float64)
-        unit = self._units.get(name) or split_name(name.rpartition("/")[2])[1]
-        found = SourceColumn(name, unit, values, (), self._times.get(name))
-        return expect_finite(self.where, found)
+        head = self.heads[place]
+        return expect_finite(self.where, SourceColumn(head.name, head.unit, values))
+
+    def clock(self, place: int) -> Clock:
+        given, head = self._array(place), self.heads[place]
+        if given.dtype.kind == "M":
+            ns = given.astype("datetime64[ns]").astype(np.int64)
+            known = ns != NO_TIME_NS
+            begin = int(ns[known][0]) if known.any() else 0
+            times = np.where(known, (ns - begin) * 1e-9, np.nan)
+            return Clock(head.name, "s", times, Fraction(begin, NS_PER_S), (), True)
+        if given.dtype.kind in "iu" and abs(int(given.max())) < 1 << 62:
+            ticks = given.astype(np.int64)  # differences of unsigned integers may be negative
+            steps = (ticks - ticks[0]).astype(np.float64)
+            return Clock(head.name, head.unit, steps, Fraction(int(ticks[0])))
+        return Clock(head.name, head.unit, self.column(place).values)
 
 
-def expect_finite(where: str, column: SourceColumn) -> SourceColumn:
-    """Returns a column unchanged. Raises InputError if one of its numbers is infinite or too
-    large."""
-    wrong = np.flatnonzero(np.abs(column.values) > LARGEST_NUMBER)
-    if len(wrong):
-        at = int(wrong[0])
+def expect_finite(
+    where: str, column: SourceColumn, largest: float = LARGEST_NUMBER
+) -> SourceColumn:
+    """Returns a column unchanged. Raises InputError if one of its numbers is infinite or larger
+    than `largest`."""
+    # The ends are found without a copy of all values.
+    ends = [float(end.reduce(column.values, initial=0.0)) for end in (np.fmax, np.fmin)]
+    if max(map(abs, ends)) > largest:
+        at = int(np.flatnonzero(np.abs(column.values) > largest)[0])
         raise InputError(
-            f"{where}: {column.place(at)}: expected a number below {LARGEST_NUMBER:g}, got "
+            f"{where}: {column.place(at)}: expected a number below {largest:g}, got "
             f"{column.values[at]:g}; correct or remove this sample"
         )
     return column

@@ -1,0 +1,390 @@
+"""Text tables of any dialect as sources of recordings, a source for each section of rows.
+
+A file is read several times: to find its dialect and its sections, and once for each column that
+is asked for. No more than a block of its lines is in the memory at a time.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from decimal import Context, Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+
+from forceaxis import paths
+from forceaxis._core import InputError
+from forceaxis.recordings import heads
+from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock, ClockError, ClockReader
+from forceaxis.recordings.columns import (
+    CLOCK,
+    TEXT,
+    Section,
+    differences,
+    numbers_of,
+    sections_of,
+    text_of,
+)
+from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_of, is_missing
+from forceaxis.recordings.signal_recording import Floats
+from forceaxis.recordings.source import Head, Source, SourceColumn, expect_finite
+from forceaxis.words import counted
+
+SHOWN = 40  # largest number of characters that a message shows of a text that is not a number
+SHOWN_LINES = 4  # largest number of skipped lines that are shown with their text
+# Numbers by which programs say that a value was outside the range of a converter.
+OVER_RANGE_NUMBERS = (9.9e37, 9.91e37, -9.9e37, -9.91e37)
+# Names, in lower case, of a column that names the signal of each row. With the first ones, this is
+# sure; a column with another name may also have states.
+SURE_NAMES = ("varname", "variable", "variable name", "tag", "tagname", "tag name")
+SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name", "item", "name",
+                "parameter", "topic", "sensor", "id")  # fmt: skip
+# Times that are less exact in the memory than this share of their step are read exactly.
+EXACT_SHARE = 1e-3
+EXACT = Context(prec=200)  # digits of the difference of two times
+LARGEST_TIME = 1e22  # largest magnitude of a time in any unit
+# Two sections with the same columns are one recording if the times of the second one continue those
+# of the first one, with at most this many missing samples.
+CONTINUED_PERIODS = 10.0
+
+
+class _Lines(Sequence[int]):
+    """The line numbers of the rows of a section."""
+
+    def __init__(self, section: Section) -> None:
+        self._section = section
+
+    def __len__(self) -> int:
+        return self._section.rows
+
+    @overload
+    def __getitem__(self, row: int) -> int: ...
+    @overload
+    def __getitem__(self, row: slice) -> Sequence[int]: ...
+    def __getitem__(self, row: int | slice) -> int | Sequence[int]:
+        if isinstance(row, slice):
+            return [self._section.line_of(k) for k in range(*row.indices(len(self)))]
+        return self._section.line_of(row)
+
+
+class TableSource(Source):
+    """A section of a text table as a source of recordings. The fields of a column are converted to
+    numbers only when the column is requested. Columns that are not requested may therefore contain
+    texts."""
+
+    def __init__(self, path: Path, section: Section, found: heads.Heads) -> None:
+        self.where, self.heads, self._path, self._section = (
+            paths.display(path), found.heads, path, section,
+        )  # fmt: skip
+        decimal = " with decimal commas" if section.dialect.decimal == "," else ""
+        self.kind = found.kind + decimal
+        self.notes = [*found.notes, *_notes(section, found)]
+        self.count = found.count[0] if found.count is not None else None
+
+    def __len__(self) -> int:
+        return self._section.rows
+
+    @property
+    def lines(self) -> str:
+        """The lines of the section as text."""
+        return f"lines {self._section.first_line} to {self._section.last_line}"
+
+    def time_place(self) -> int | None:
+        return heads.time_place_of(self._section, self.heads)
+
+    def column(self, place: int) -> SourceColumn:
+        self._expect_columns()
+        values = self._values(place)
+        self._expect_sure_decimals(place, values)
+        head = self.heads[place]
+        self._note_missing(head, values)
+        return expect_finite(
+            self.where, SourceColumn(head.name, head.unit, values, _Lines(self._section))
+        )
+
+    def _values(self, place: int) -> Floats:
+        """Returns the numbers of a column. Raises InputError."""
+        values = np.empty(self._section.rows)
+        over: list[int] = []
+        for row, count, text in self._section.texts(self._path):
+            found = numbers_of(text, self._section.dialect, self._section.width, [place])
+            part = (
+                self._numbers(place, row, text, over) if found is None
+                else found[0].to_numpy(zero_copy_only=False)
+            )  # fmt: skip
+            wrong = np.flatnonzero(np.isin(part, OVER_RANGE_NUMBERS) | np.isinf(part))
+            if len(wrong):
+                part = np.where(np.isin(part, OVER_RANGE_NUMBERS) | np.isinf(part), np.nan, part)
+                over += [row + int(k) for k in wrong]
+            values[row : row + count] = part
+        if over:
+            self._note(
+                f"{self.heads[place].name}: {counted(len(over), 'value')} outside the range of the "
+                f"converter, in line {self._section.line_of(over[0])} first, left out"
+            )
+        return values
+
+    def _expect_columns(self) -> None:
+        """Raises InputError if a column names the signal of each row, so that a column of numbers
+        has the values of several signals."""
+        for place, head in enumerate(self.heads):
+            if self._section.kinds[place] != TEXT or head.name.casefold() not in SIGNAL_NAMES:
+                continue
+            names = [row[place] for row in self._section.samples if place < len(row)]
+            changes = sum(a != b for a, b in itertools.pairwise(names))
+            if 4 * changes > len(names) or (changes and head.name.casefold() in SURE_NAMES):
+                several = ", ".join(list(dict.fromkeys(names))[:4])
+                raise InputError(
+                    f"{self.where}: {head.name}: expected a column for each signal, got rows of "
+                    f"several signals ({several}); export each signal as a column or as a file"
+                )
+
+    def _expect_sure_decimals(self, place: int, values: Floats) -> None:
+        """Raises InputError if the decimal sign of a column may be a separator of thousands: the
+        file shows nowhere that it is a decimal sign."""
+        rows = self._section.samples
+        if any(self._section.dialect.has_sure_decimals(cell) for row in rows for cell in row):
+            return
+        broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
+        if not len(broken):
+            return
+        cell, name = self._cell(place, int(broken[0])), self.heads[place].name
+        if not GROUPED.match(cell):
+            return
+        other = cell.replace(".", "").replace(",", "")
+        cells = [row[place] for row in rows if place < len(row) and not is_missing(row[place])]
+        if all(self._section.dialect.decimal in one for one in cells):
+            self._note(f"{name}: {cell} was read with three decimals, and not as {other}")
+            return
+        raise InputError(
+            f"{self.where}: line {self._section.line_of(int(broken[0]))}, {name}: expected a sure "
+            f"decimal sign, got {cell!r}, which may be {other}; export the numbers "
+            "without separators of thousands, or with four decimals"
+        )
+
+    def _cell(self, place: int, row: int) -> str:
+        """Returns the field of a row."""
+        for first, count, text in self._section.texts(self._path):
+            if row < first + count:
+                return list(self._cells(place, text))[row - first]
+        return ""
+
+    def _note_missing(self, head: Head, values: Floats) -> None:
+        """Notes that rows have no value. A column of a group may end before the others."""
+        known = ~np.isnan(values)
+        end = int(np.flatnonzero(known)[-1]) + 1 if known.any() else 0
+        missing = int((~known[: end if head.time is not None else len(known)]).sum())
+        if 0 < missing < len(values):
+            self._note(f"{head.name}: {missing} of {len(values)} rows have no value")
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def _cells(self, place: int, text: str) -> Iterator[str]:
+        """Yields the fields of a column in a text of rows."""
+        for line in text.removesuffix("\n").split("\n"):
+            cells = self._section.dialect.cells(line)
+            yield cells[place] if place < len(cells) else ""
+
+    def _numbers(self, place: int, row: int, text: str, over: list[int]) -> Floats:
+        """Returns the numbers of a column in a text of rows. Raises InputError for another text."""
+        dialect, values = self._section.dialect, []
+        for at, cell in enumerate(self._cells(place, text), row):
+            value = dialect.value(cell)
+            if value is None:
+                raise self._no_number(place, at, cell)
+            if cell.casefold() in OVER_RANGE:
+                over.append(at)
+            values.append(value)
+        return np.array(values)
+
+    def _no_number(self, place: int, row: int, text: str) -> InputError:
+        dialect, name = self._section.dialect, self.heads[place].name
+        hint = "a decimal point" if dialect.decimal == "." else "a decimal comma"
+        shown = text if len(text) <= SHOWN else text[:SHOWN] + "..."
+        shown = repr(shown) + ", with a separator of thousands" * bool(GROUPED.match(text))
+        line = self._section.line_of(row)
+        if self._section.kinds[place] in (TEXT, CLOCK):
+            return InputError(
+                f"{self.where}: line {line}, {name}: expected numbers with {hint}, got {shown}; "
+                "this column has texts, so choose another column or replace its texts by numbers"
+            )
+        return InputError(
+            f"{self.where}: line {line}, {name}: expected a number with {hint} as "
+            f"in line {self._section.first_line}, got {shown}; correct this field, or leave it "
+            "empty for a missing sample"
+        )
+
+    def clock(self, place: int) -> Clock:
+        head = self.heads[place]
+        if self._section.kinds[place] == CLOCK:
+            return self._text_clock(place)
+        if self._section.kinds[place] == TEXT:
+            self._expect_times(place)
+        values = self._values(place)
+        expect_finite(
+            self.where, SourceColumn(head.name, None, values, _Lines(self._section)), LARGEST_TIME
+        )
+        if not _is_exact(values):
+            return self._exact_clock(place)
+        return Clock(head.name, head.unit, values, Fraction(0), _Lines(self._section))
+
+    def _expect_times(self, place: int) -> None:
+        """Raises InputError if the fields of a column are texts in no known form of a time."""
+        cells = [row[place] if place < len(row) else "" for row in self._section.samples]
+        for row, cell in enumerate(cells):
+            if self._section.dialect.value(cell) is None:
+                reader = ClockReader(cells)
+                try:
+                    reader.read([cell])
+                except ClockError as error:
+                    raise self._no_time(place, row, error) from None
+
+    def _no_time(self, place: int, row: int, error: ClockError) -> InputError:
+        line, name = self._section.line_of(row), self.heads[place].name
+        return InputError(f"{self.where}: line {line}, {name}: {error}; export times in s")
+
+    def _text_clock(self, place: int) -> Clock:
+        samples = [row[place] for row in self._section.samples if place < len(row)]
+        reader, base_ns = ClockReader(samples), NO_TIME_NS
+        times_s = np.empty(self._section.rows)
+        for row, count, text in self._section.texts(self._path):
+            cells = ["" if is_missing(cell) else cell for cell in self._cells(place, text)]
+            try:
+                times_ns = reader.read(cells)
+            except ClockError as error:
+                raise self._no_time(place, row + error.row, error) from None
+            known = times_ns != NO_TIME_NS
+            if base_ns == NO_TIME_NS and known.any():
+                base_ns = int(times_ns[known][0])
+            times_s[row : row + count] = np.where(known, (times_ns - base_ns) / NS_PER_S, np.nan)
+        head = self.heads[place]
+        for note in reader.notes:
+            self._note(f"{head.name}: {note}")
+        base = Fraction(base_ns, NS_PER_S) if base_ns != NO_TIME_NS else Fraction(0)
+        return Clock(head.name, "s", times_s, base, _Lines(self._section), True)
+
+    def _exact_clock(self, place: int) -> Clock:
+        """Returns times with more digits than a number in the memory. The first one is subtracted
+        before the others become numbers."""
+        base: Decimal | None = None
+        values = np.empty(self._section.rows)
+        for row, count, text in self._section.texts(self._path):
+            found = numbers_of(text, self._section.dialect, self._section.width, [place], "exact")
+            times = self._decimals(place, text) if found is None else found[0].to_pylist()
+            if base is None:
+                base = next((time for time in times if time is not None), None)
+            values[row : row + count] = (
+                [np.nan if time is None else float(EXACT.subtract(time, base or Decimal(0)))
+                 for time in times]
+                if found is None else differences(found[0], base or Decimal(0))
+            )  # fmt: skip
+        head = self.heads[place]
+        return Clock(head.name, head.unit, values, Fraction(base or 0), _Lines(self._section))
+
+    def _decimals(self, place: int, text: str) -> list[Decimal | None]:
+        """Returns the numbers of a column in a text of rows, with all of their digits."""
+        dialect = self._section.dialect
+        return [
+            Decimal(cell.replace(",", ".").replace("d", "e").replace("D", "e"))
+            if NUMBERS[dialect.decimal].match(cell) and abs(dialect.value(cell) or 0) < LARGEST_TIME
+            else None
+            for cell in self._cells(place, text)
+        ]  # fmt: skip
+
+
+def _is_exact(values: Floats) -> bool:
+    """Returns True if numbers have enough digits to tell successive ones from each other."""
+    known = values[:10_000][np.isfinite(values[:10_000])]
+    if len(known) < 2:
+        return True
+    steps = np.abs(np.diff(known))
+    step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
+    return float(np.spacing(np.abs(known).max())) <= EXACT_SHARE * step
+
+
+def _notes(section: Section, found: heads.Heads) -> list[str]:
+    """Returns which lines of a file a section consists of."""
+    names = f"names of line {found.names.number}" if found.names else "no names above them"
+    units = f", units of line {found.units.number}" if found.units else ""
+    notes = [
+        f"{counted(section.rows, 'row')} in lines {section.first_line} to {section.last_line}, "
+        f"{names}{units}"
+    ]
+    if found.count is not None and found.count[0] != section.rows:
+        notes.append(
+            f"line {found.count[1].number} states {counted(found.count[0], 'sample')}, and not "
+            f"{section.rows}"
+        )
+    used = {line.number for line in (found.names, found.units) if line is not None}
+    for last in section.header[-1:]:
+        is_next = last.number == section.first_line - 1  # a blank line ends a header
+        if is_next and last.number not in used and section.has_numbers(last):
+            text = last.text.strip()[:SHOWN]
+            notes.append(f"skipped line {last.number} above the rows, which is no row: {text}")
+    if section.doubt:
+        notes.append(section.doubt)
+    if (empty := _empty_lines(section)) and len(empty) < section.rows / 2:
+        notes.append(f"{counted(len(empty), 'empty line')} between the rows, first line {empty[0]}")
+    shown = [(line.number, line.text.strip()[:SHOWN]) for line in section.skipped[:SHOWN_LINES]]
+    if len(section.skipped) == 1:
+        notes.append(f"skipped line {shown[0][0]}, which is no row: {shown[0][1]}")
+    elif shown:
+        few = "; ".join(f"line {number}: {text}" for number, text in shown)
+        left = len(section.skipped) - len(shown)
+        more = f"; and {left} more" if left else ""
+        notes.append(f"skipped {text_of(section.skipped)}, which are no rows: {few}{more}")
+    return notes
+
+
+def _empty_lines(section: Section) -> list[int]:
+    """Returns the numbers of the empty lines between the rows of a section."""
+    skipped = {line.number for line in section.skipped}
+    return [
+        number
+        for _, (begin, line) in itertools.pairwise(section.starts)
+        for number in range(section.line_of(begin - 1) + 1, line)
+        if number not in skipped
+    ]
+
+
+def read_tables(path: Path, separator: str | None = None) -> list[Source]:
+    """Returns the sections of a text table as sources. `separator`: character between the columns,
+    or None to find it. Raises InputError."""
+    dialect = dialect_of(path, separator)
+    tables: list[tuple[Section, heads.Heads]] = []
+    for section in sections_of(path, dialect):
+        try:
+            found = heads.heads_of(section, tables[-1][1] if tables else None)
+        except InputError as error:
+            raise InputError(f"{paths.display(path)}: {error}") from None
+        if tables and found.heads == tables[-1][1].heads and _continues(*tables[-1], section):
+            tables[-1][0].append(section)
+        else:
+            tables.append((section, found))
+    return [TableSource(path, section, found) for section, found in tables]
+
+
+def _continues(section: Section, found: heads.Heads, other: Section) -> bool:
+    """Returns True if the times of another section continue those of a section."""
+    place = heads.time_place_of(section, found.heads)
+    if place is None:
+        return False
+    cells = [row[place] for row in section.samples if place < len(row)]
+    ends = [section.last[place : place + 1], other.samples[0][place : place + 1]]
+    texts = [*cells, *(cell for end in ends for cell in end)]
+    if section.kinds[place] == CLOCK:
+        try:
+            times = ClockReader(texts).read(["" if is_missing(text) else text for text in texts])
+        except ClockError:
+            return False
+        values = times / NS_PER_S
+    else:
+        numbers = [section.dialect.value(text) for text in texts]
+        values = np.array([np.nan if number is None else number for number in numbers])
+    if len(values) < 4 or not np.isfinite(values).all():
+        return False
+    period = float(np.median(np.diff(values[:-2])))
+    return bool(0 < values[-1] - values[-2] <= CONTINUED_PERIODS * period)
