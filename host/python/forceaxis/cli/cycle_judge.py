@@ -66,14 +66,19 @@ def read_curve(
 ) -> SignalRecording:
     """Return the recording in a file. With `maps`, the file is one of another program, which is
     imported. Raises InputError."""
-    from forceaxis.cli.recording import source_of
+    from forceaxis.cli.recording import sources_of
     from forceaxis.recordings import signal_recording
-    from forceaxis.recordings.importing import ImportRequest, import_source
+    from forceaxis.recordings.importing import ImportRequest, import_sources
 
     if not maps or signal_recording.is_recording(file):
         return signal_recording.read(file)
-    source = source_of(file, None)
-    return import_source(source, file, ImportRequest(maps, time, rate_hz)).recording
+    found = import_sources(sources_of(file, None), file, ImportRequest(maps, time, rate_hz))
+    if len(found) > 1:
+        raise InputError(
+            f"{file}: expected the curve of one part, got {len(found)} sections; `forceaxis "
+            "recording import` writes a recording of each, which this command takes"
+        )
+    return found[0].recording
 
 
 @cycle.command(
