@@ -1431,6 +1431,48 @@ def test_the_limit_of_ms_falls_as_the_measured_one_exceeds_the_predicted_one():
     assert 1.2 < refused.value.ms < 2.0 * 1.6 / 2.4
 
 
+def test_a_changed_request_keeps_what_the_kept_results_were_made_with(plants, designed):
+    """Band, averages and limit of Ms were those of the request again, beside responses and a law
+    that were not."""
+    check = tune.CHECK.file.required(designed)
+    wide = replace(check.result, band_hz=(1.0, 390.0), averages=12, ms=1.4)
+    tune.CHECK.file.write(designed, replace(check, result=wide))
+    with Axis(link(plants)) as axis:
+        work = tune.Tuning(axis, order(plants, force_max_N=1.01 * FORCE_MAX_N), designed)
+        assert {"measure", "design"} <= work.kept
+        work.run("check")
+        now = tune.CHECK.result(work)
+        assert (now.band_hz, now.averages, now.ms) == ((1.0, 390.0), 12, 1.4)
+        again = MeasureAgain("verify", "a mode", "measured", band_hz=(1.0, 500.0))
+        work._measure_again(again)  # then nothing of the old responses is kept
+        assert not {"measure", "fit", "design"} & work.kept
+
+
+def test_a_law_that_is_not_found_for_the_smaller_ms_does_not_hide_why(
+    plants, designed, monkeypatch
+):
+    told = []
+    with Axis(link(plants)) as axis:
+        work = tune.Tuning(axis, order(plants), designed)
+        table = {
+            name: ToldStep(name, "verify", tune.STEP_TABLE[name].file, told,
+                           [DesignAgain("verify", "Ms 2.3", "again", 1.2)])
+            for name in tune.STEPS[1:]
+        }  # fmt: skip
+        monkeypatch.setattr(tune, "STEP_TABLE", tune.STEP_TABLE | table)
+        done = ToldStep.run
+
+        def run(step, folder):
+            if step.name == "design" and tune.CHECK.result(folder).ms:
+                raise Refusal("design", "no gain")
+            return done(step, folder)
+
+        monkeypatch.setattr(ToldStep, "run", run)
+        with pytest.raises(Refusal, match=r"Ms 2\.3; for Ms 1\.2 no law was found: no gain"):
+            work._run_steps(None)
+        assert tune.CHECK.result(work).ms == 0.0  # the next run is as this one
+
+
 AGAIN = {
     "verify": MeasureAgain("verify", "a mode", "measured to 390 Hz", band_hz=(1.0, 390.0)),
     "fit": MeasureAgain("coherence", "a mode", "measured 12 times", averages=12),
@@ -1474,5 +1516,8 @@ def test_responses_that_do_not_suffice_are_measured_again_once_by_the_same_comma
 
 def test_so_many_averages_are_asked_for_as_the_error_needs():
     tuning = SimpleNamespace(order=SimpleNamespace(averages=8))
-    assert tune_fit._averages(tuning, 0.24) in range(12, 17)  # 8 * (0.24 / 0.2)^2, and a margin
-    assert tune_fit._averages(tuning, 2.0) == 0
+    assert tune_fit._averages(tuning, 0.24, 8) in range(12, 17)  # 8 * (0.24 / 0.2)^2, a margin
+    assert (
+        tune_fit._averages(tuning, 0.22, 42) > 42
+    )  # those that were measured, not those asked for
+    assert tune_fit._averages(tuning, 2.0, 8) == 0

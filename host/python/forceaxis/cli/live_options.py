@@ -385,7 +385,7 @@ def warn_of_power_up(axis: Axis) -> None:
     if not lost:
         return
     values = ", ".join(f"{name} = {value:g}" for name, value in lost.items())
-    options = " ".join(f"--set firmware.{name}={axis.number(name):g}" for name in lost)
+    options = " ".join(f"--set firmware.{name}={axis.get(name)[name]}" for name in lost)
     click.echo(
         f"forceaxis: warning: {axis.link.where}: each command powers it up, and [firmware] of its "
         f"experiment then sets {values} again, also after `axis params store`; write the present "

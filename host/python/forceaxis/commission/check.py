@@ -53,6 +53,7 @@ ARRIVED_CNT = 20  # largest position error at the end of a move
 # Largest sum of the position errors at both ends of a move that dry friction explains, divided by
 # the larger error.
 FRICTION_UNLIKE = 0.3
+CREEP_CNT = 2  # an axis at rest moves by at most so many counts while its output is read
 RESTORE_TRIES = 4
 ENABLE_CHAIN = mask("digital_inputs", "enable")
 LIMIT_POS, LIMIT_NEG = (mask("digital_inputs", f"limit_{way}") for way in ("positive", "negative"))
@@ -174,12 +175,14 @@ class MoveObjects:
 @dataclass(frozen=True)
 class Move:
     """A move out and back: position errors in encoder counts and mean outputs in DAC codes at
-    standstill at its end points, the largest output, and the last state."""
+    standstill at its end points, the largest output, and the last state. `rested`: the axis was at
+    rest at both, and no limit bounded its output."""
 
     errors: tuple[int, ...]
     codes: tuple[float, ...]
     largest: int
     last: MoveObjects
+    rested: bool
 
     @property
     def error(self) -> int:
@@ -204,7 +207,7 @@ class Move:
         With friction the axis stops on the near side of each target, equally far from both. An axis
         that something blocks, or whose output is bounded, stops short of one of them.
         """
-        if len(self.errors) < 2 or self.last.limit_reason != "none":
+        if len(self.errors) < 2 or not self.rested:
             return 0.0
         out, back = self.errors
         if out * back >= 0 or abs(out + back) > FRICTION_UNLIKE * abs(self.error):
@@ -690,6 +693,7 @@ class MotionCheck:
     def _out_and_back(self) -> Move | None:
         """Moves the axis out and back. Returns None after a failed step, whose result is stored."""
         largest, errors, codes = 0, [], []
+        rested = True
         for target in (self.start + self.direction * self.travel, self.start):
             try:
                 self.axis.set(position_setpoint=target)
@@ -703,6 +707,8 @@ class MotionCheck:
                     passed += READING_PERIOD_S
                 if now.fault == "none":
                     codes.append(self._codes_at_rest())
+                    crept = abs(self.axis.record(MoveObjects).position - now.position)
+                    rested &= crept <= CREEP_CNT and now.limit_reason == "none"
             except (Refused, NoAnswer) as error:
                 self._done("move", "failed", str(error))
                 self._skip("an earlier step failed", "weight")
@@ -716,7 +722,7 @@ class MotionCheck:
             errors.append(now.position - target)
             if abs(errors[-1]) >= self.travel:
                 break  # it has not moved
-        return Move(tuple(errors), tuple(codes), largest, now)
+        return Move(tuple(errors), tuple(codes), largest, now, rested)
 
     def _put_back(self, before: dict[str, int]) -> None:
         """Disables the axis and restores the objects that were changed for the motion.

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -114,10 +114,10 @@ CROSSOVER_RAD_PER_S = 3.0
 MS_MEASURING = 2.2
 LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
 SLOW_RATES_RAD_PER_S = (0.25, 1.0)
-# If it exceeds the predicted Ms by more, the law is designed again for the limit of Ms times the
-# quotient of both and a margin, but not for a limit below MS_AGAIN_MIN.
-MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
+# If a measured Ms exceeds that by more, the law is designed again for the limit of Ms times the
+# quotient of predicted and measured Ms and a margin, but not for a limit below MS_AGAIN_MIN.
+MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15
 # probability with which noise alone makes the measured Ms exceed its bound
 PEAK_PROBABILITY = 0.025
 # If |S| is certain at no frequency, the response is measured again with more averages.
@@ -421,8 +421,11 @@ def _law_without_integral(tuning: TuningFolder) -> Bank | None:
     model = tuning.model
     if not known.has_integral(model, known.INTEGRAL_BAND_HZ):
         return None
-    bank = _largest_law(_measured_grids(tuning, _measured_members(tuning)), Bank(1.0)).bank
-    bank = bank.quantised()
+    grids = _measured_grids(tuning, _measured_members(tuning))
+    law = _largest_law(grids, Bank(1.0))
+    if law.largest_ms(grids) > MS_MEASURING:
+        return None
+    bank = law.bank.quantised()
     dead = linear.facts(str(model)).dead_law(bank.gain_at_rest(), min(tuning.order.forces))
     return None if dead else bank
 
@@ -995,6 +998,8 @@ class Tuning(TuningFolder):
         self.step = STEPS[0]
         # Names of steps that are done and stay valid when an earlier step runs again.
         self.kept: frozenset[str] = frozenset()
+        # Fields of the result of `check` with which the kept results were made.
+        self.carried: dict[str, Any] = {}
         self.refused: StepRefusal | None = None
         self._check_files()
         self._claim()
@@ -1051,11 +1056,15 @@ class Tuning(TuningFolder):
         if not first:  # only the name of the model has changed, on which no step depends
             return
         done = [step for step in STEPS if self._file(step).exists()]
+        checked = CHECK.done(self)
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
         for step in STEPS:
             if step not in kept:
                 self._file(step).unlink(missing_ok=True)
         self.kept = frozenset(kept)
+        if checked and MEASURE.name in kept:
+            names = ("band_hz", "averages", "law", *(("ms",) if DESIGN.name in kept else ()))
+            self.carried = {name: getattr(checked, name) for name in names}
         if done:
             self.say(
                 f"changed since the last run: {', '.join(changes.values())}; results kept: "
@@ -1083,6 +1092,7 @@ class Tuning(TuningFolder):
         each step. If the Ms of the verified law is larger than predicted, the law is designed
         again, once."""
         left, before = list((only,) if only else STEPS), set[str]()
+        larger: DesignAgain | None = None  # why the law is designed again
         while left:
             self.step = left.pop(0)
             try:
@@ -1097,24 +1107,40 @@ class Tuning(TuningFolder):
                 if only or DESIGN.name in before or refusal.ms < MS_AGAIN_MIN:
                     raise
                 before.add(DESIGN.name)
-                left = list(STEPS[STEPS.index(DESIGN.name) :])
+                left, larger = list(STEPS[STEPS.index(DESIGN.name) :]), refusal
                 self._design_again(refusal)
+            except Refusal as refusal:
+                if larger is None or self.step != DESIGN.name:
+                    raise
+                self._limit_ms(0.0)
+                text = f"{larger.text}; for Ms {larger.ms:.2g} no law was found: {refusal.text}"
+                raise Refusal(larger.name, text) from None
 
     def _design_again(self, refusal: DesignAgain) -> None:
         self.say(refusal.why)
+        self._limit_ms(refusal.ms)
+        self._forget(DESIGN.name)
+
+    def _limit_ms(self, ms: float) -> None:
         held = CHECK.file.required(self.folder)
-        CHECK.file.write(self.folder, replace(held, result=replace(held.result, ms=refusal.ms)))
-        self._file(DESIGN.name).unlink(missing_ok=True)
+        CHECK.file.write(self.folder, replace(held, result=replace(held.result, ms=ms)))
+
+    def _forget(self, first: str) -> None:
+        """Deletes the results from the step `first` on, which are replaced now, also if they were
+        kept over a change of the request."""
+        self.kept -= set(STEPS[STEPS.index(first) :])
+        self._file(first).unlink(missing_ok=True)
 
     def _measure_again(self, refusal: MeasureAgain) -> None:
         self.say(refusal.why)
         held = CHECK.file.required(self.folder)
         checked = replace(
             held.result, band_hz=refusal.band_hz or held.result.band_hz,
-            averages=refusal.averages or held.result.averages, law=refusal.law or held.result.law,
+            averages=max(refusal.averages, held.result.averages),
+            law=refusal.law or held.result.law,
         )  # fmt: skip
         CHECK.file.write(self.folder, replace(held, result=checked))
-        self._file(MEASURE.name).unlink(missing_ok=True)
+        self._forget(MEASURE.name)
 
     def _told(self, refusal: Refusal) -> Refusal:
         """Shows what a refusal adds to the model, and writes the model with it."""
@@ -1148,6 +1174,11 @@ class Tuning(TuningFolder):
             if step.name == STEPS[0] and isinstance(error, Refusal):
                 raise
             raise of_link(self.axis, error) from None
+        if step.name == CHECK.name and self.carried:
+            held = CHECK.file.required(self.folder)
+            CHECK.file.write(
+                self.folder, replace(held, result=replace(held.result, **self.carried))
+            )
         self.say(f"{place}: {text}")
 
     def summary(self) -> TuningSummary:

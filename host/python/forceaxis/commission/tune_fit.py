@@ -389,11 +389,12 @@ def _explained(
 ) -> Refusal:
     """Returns the reason for the rejection of a fit with its cause. `lacks`: TOML text of parts
     that were added to the model before."""
-    if found.rejected == "coherence" and (again := _averages(tuning, found.limiting_error)):
+    error, averages = found.least_known
+    if found.rejected == "coherence" and (again := _averages(tuning, error, averages)):
         why = (
             f"at the limiting mode of {found.limiting_hz:.3g} Hz, the responses are known to "
-            f"{100 * found.limiting_error:.3g} %: they are measured again with {again} averages in "
-            f"place of {tuning.order.averages}"
+            f"{100 * error:.3g} %: they are measured again with {again} averages in place of "
+            f"{averages}"
         )
         return MeasureAgain("coherence", found.text, why, averages=again)
     if found.rejected not in EXPLAINED:
@@ -404,11 +405,12 @@ def _explained(
     return Refusal(str(found.rejected), text, *proposed(tuning, tried, lacks))
 
 
-def _averages(tuning: TuningFolder, error: float) -> int:
+def _averages(tuning: TuningFolder, error: float, averages: int) -> int:
     """Returns the number of averages with which the relative standard error of a response at the
-    limiting mode falls to what is permitted, or 0 if that takes too many."""
-    factor = AVERAGES_MARGIN * (error / joint_fit.LIMITING_MODE_ERROR_MAX) ** 2
-    return math.ceil(factor * tuning.order.averages) if factor <= AVERAGES_FACTOR_MAX else 0
+    limiting mode falls from `error`, with `averages`, to what is permitted, or 0 if that takes too
+    many."""
+    wanted = AVERAGES_MARGIN * averages * (error / joint_fit.LIMITING_MODE_ERROR_MAX) ** 2
+    return math.ceil(wanted) if wanted <= AVERAGES_FACTOR_MAX * tuning.order.averages else 0
 
 
 def proposed(tuning: TuningFolder, tried: list[missing_parts.Tried], lacks: str) -> tuple[str, str]:

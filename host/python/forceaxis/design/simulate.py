@@ -266,7 +266,8 @@ class ContactBench:
                 )
         if self.is_held(contact, bank):
             friction_N = max(one.most_N for one in self.frictions)
-            enough_N = least_N * self.press_speed_code(0.0) / self._push_codes(bank)
+            force_N, codes = self._pushes(contact, bank)
+            enough_N = force_N * self.press_speed_code(0.0) / codes
             return (
                 f"dry friction of {friction_N:.3g} N holds the axis out of contact, where the law "
                 f"presses with its gain alone: give forces from {enough_N:.3g} N, or reduce the "
@@ -298,18 +299,23 @@ class ContactBench:
         dead_N = self.facts.dead_zone(bank.gain_at_rest())
         return len(held) == len(contact.missed) > 0 and min(held) < dead_N
 
-    def _push_codes(self, bank: Bank) -> float:
-        """Returns the DAC codes with which a filter bank presses at the smallest set-point before
-        it is in contact, where its integral does not act."""
-        return float(bank.gain_at_rest() * min(self.setpoints_N) / self.count_N)
+    def _pushes(self, contact: SimulatedContact, bank: Bank) -> tuple[float, float]:
+        """Returns the set-point of a contact in N, and the DAC codes with which a filter bank
+        presses before the axis is in contact, where its integral does not act."""
+        force_N = next(
+            (case.setpoint_N for case in self.cases if case.name == contact.case),
+            max(self.setpoints_N),
+        )
+        return force_N, float(bank.gain_at_rest() * force_N / self.count_N)
 
     def is_held(self, contact: SimulatedContact, bank: Bank) -> bool:
         """Returns True if a contact that is lost again and again fails because friction holds the
         axis out of contact. A smaller gain presses less."""
         lost = any(missed.limit == "contact_losses" for missed in contact.missed)
-        return (
-            lost and bool(self.frictions) and (self._push_codes(bank) < self.press_speed_code(0.0))
-        )
+        if not lost or not self.frictions:
+            return False
+        _, codes = self._pushes(contact, bank)
+        return codes < self.press_speed_code(0.0)
 
     def _check_forces(self, counts: float) -> None:
         """Raises InputError for a requested force that the sensor cannot measure or that the drive
