@@ -161,6 +161,8 @@ class JudgedPart:
     is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
+    # notes about the import of the curve from a file of another program
+    import_notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
