@@ -155,24 +155,30 @@ class Oracle:
         """(position, force, valid, label) of each period, in counts; label None: none."""
         force, position = made["force"], made["position"]
         period = float(np.median(np.diff(force.time_s)))
-        number = np.rint((force.time_s - force.time_s[0]) / period).astype(int)
-        place = counted(position.values, self.travel)
+        begin_s = min(s.time_s[0] for s in made)
+        count = round((max(s.time_s[-1] for s in made) - begin_s) / period) + 1
+        number = np.rint((force.time_s - begin_s) / period).astype(int)
+        is_force = np.isin(position.time_s, force.time_s)  # the force may be missing at the ends
+        place = counted(position.values[is_force], self.travel)
         load = counted(force.values, self.force)
-        labels = counted(made["phase"].values, 1) if "phase" in made else [None] * len(load)
+        named = {}
+        if "phase" in made:
+            times = np.rint((made["phase"].time_s - begin_s) / period).astype(int)
+            named = dict(zip(times.tolist(), counted(made["phase"].values, 1), strict=True))
         valid = [
             abs(y) <= 131071
             and not any(f.from_s <= t <= f.to_s for s in (force, position) for f in s.findings)
             for t, y in zip(force.time_s, load, strict=True)
         ]  # fmt: skip
-        rows, last = {}, None
-        for n, x, y, v, label in zip(number, place, load, valid, labels, strict=True):
-            rows[int(n)] = (int(x), max(-131071, min(131071, int(y))), v, label)
-        for n in range(int(number[-1]) + 1):
-            if n not in rows:
-                rows[n] = (*rows[last][:2], "missing", rows[last][3])
-            else:
-                last = n
-        return [rows[n] for n in range(int(number[-1]) + 1)]
+        rows, last, label = {}, int(number[0]), None
+        for n, x, y, v in zip(number, place, load, valid, strict=True):
+            rows[int(n)] = (int(x), max(-131071, min(131071, int(y))), v)
+        found = []
+        for n in range(count):
+            last = n if n in rows else last
+            label = named.get(n, label)
+            found.append((*rows[last][:2], rows[n][2] if n in rows else "missing", label))
+        return found
 
     def zero(self, samples, points):
         """The index of the sample with travel 0, or None."""
@@ -257,8 +263,12 @@ class Oracle:
         return False
 
 
-def without(made, lost):
-    """The recording without the samples of these indices."""
+def without(made, lost, names=None):
+    """The recording without the samples of these indices; with names, only of these signals."""
     keep = np.setdiff1d(np.arange(len(made["force"].time_s)), lost)
-    signals = [replace(s, time_s=s.time_s[keep], values=s.values[keep]) for s in made]
+    signals = [
+        replace(s, time_s=s.time_s[keep], values=s.values[keep])
+        if names is None or s.name in names else s
+        for s in made
+    ]  # fmt: skip
     return replace(made, signals=tuple(signals))

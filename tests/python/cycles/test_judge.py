@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tomlkit
 from forceaxis import InputError
-from forceaxis.cycles import judge
+from forceaxis.cycles import curve_samples, judge
 from forceaxis.errors import ParameterError
 from forceaxis.experiments import run as runs
 from judged_curves import SIDES, Oracle, recording, saturation, signal, without
@@ -126,7 +126,12 @@ def drawn_curve(rng, grid, rate_hz):
     if rng.random() < 0.2:
         begin = rng.randrange(outside + 1, count - 1)
         lost = list(range(begin, min(count - 1, begin + rng.randint(1, 3))))
-    return without(made, lost)
+    made = without(made, lost)
+    left = len(made["force"].values)
+    if left > 8 and rng.random() < 0.2:  # the force is beyond its range at an end
+        head, tail = rng.randint(0, 2), rng.randint(0, 2)
+        made = without(made, [*range(head), *range(left - tail, left)], ["force"])
+    return made
 
 
 def drawn_head(rng, grid):
@@ -490,6 +495,101 @@ def test_a_sample_outside_of_the_cycle_does_not_matter(press):
     made = bush()
     last = len(made["force"].values) - 3
     assert judge.judge(press, without(made, [last]), "part").record.state == "good"
+
+
+@pytest.mark.parametrize("has_phases", [False, True])
+def test_a_force_that_is_missing_at_an_end_of_the_curve_makes_elements_invalid(press, has_phases):
+    """An import leaves out what is no force, such as OVLD."""
+    made = bush()
+    labels = labels_of(made["force"].values, 1000.0)
+    others, phase = ({"phase": labels}, None) if has_phases else ({}, "press")
+    made, count = bush(**others), len(labels)
+    assert verdicts(judge.judge(press, made, "part", phase=phase))["shoulder"] == "good"
+    hold = int(np.flatnonzero(labels == 1)[0])
+    judged = judge.judge(press, without(made, range(hold + 4, count), ["force"]), "part",
+                         phase=phase)  # fmt: skip
+    assert verdicts(judged)["held" if has_phases else "shoulder"] == "invalid"
+    assert verdicts(judged)["largest"] == "invalid"
+    assert (judged.record.state, judged.is_interpolated) == ("bad", False)
+    assert (
+        f"from {(hold + 4) / 1000:g} s on, in phase {'hold' if has_phases else 'press'}"
+        in (judged.record.notes[-1])
+    )
+    judged = judge.judge(press, without(made, range(8), ["force"]), "part", phase=phase)
+    assert (judged.record.state, verdicts(judged)["shoulder"]) == ("bad", "invalid")
+    assert "shoulder is invalid: 8 samples missing, from 0 s on, in phase press" in (
+        judged.record.notes
+    )
+    assert judged.phases[0].begin_s == 0
+
+
+def test_of_a_trace_the_force_may_be_missing_at_its_ends_too():
+    _, made = simulated("press_fit", ())
+    press = judge.JudgePress(EXPERIMENTS / "press_fit.toml")
+    count = len(made["force"].values)
+    largest = int(np.argmax(made["force"].values))
+    judged = judge.judge(press, without(made, range(largest, count), ["force"]), "part")
+    assert (judged.record.state, verdicts(judged)["seating_force"]) == ("bad", "invalid")
+    begin = int(np.flatnonzero(made["cycle_state"].values == 1)[0])
+    judged = judge.judge(press, without(made, range(begin + 9), ["force"]), "part")
+    assert (judged.record.state, verdicts(judged)["shoulder"]) == ("bad", "invalid")
+    judged = judge.judge(press, without(made, range(begin - 2), ["force"]), "part")
+    assert judged.record.state == "good"
+
+
+def test_a_phase_without_any_force_is_known_by_its_signal(press):
+    made = bush()
+    labels = labels_of(made["force"].values, 1000.0)
+    hold = np.flatnonzero(labels == 1)
+    judged = judge.judge(press, without(bush(phase=labels), hold, ["force"]), "part")
+    assert [span.name for span in judged.phases] == ["press", "hold", "back"]
+    assert verdicts(judged)["held"] == "invalid"
+
+
+def clipped(made, end_N, count):
+    """The first samples of a curve, with a force of at most end_N."""
+    made = without(made, range(count, len(made["force"].values)))
+    return changed(made, force={"values": np.minimum(made["force"].values, end_N)})
+
+
+def test_a_force_that_is_cut_off_until_an_end_of_the_curve_is_saturated(press):
+    made = bush()
+    first = int(np.flatnonzero(made["force"].values > 230)[0])
+    for count, is_cut in ((first + 2, False), (first + 3, True)):
+        own = clipped(made, 230.0, count)
+        judged = judge.judge(press, own, "part", phase="press")
+        assert (verdicts(judged)["shoulder"] == "invalid") == is_cut
+        notes = [note for note in judged.record.notes if "shoulder is invalid: 3 samples s" in note]
+        assert len(notes) == is_cut
+    known = replace(press, ranges=judge.Ranges(force_N=(-500.0, 500.0)))
+    assert verdicts(judge.judge(known, own, "part", phase="press"))["shoulder"] == "good"
+    pulled = changed(own, force={"values": -own["force"].values})
+    judged = judge.judge(press, pulled, "part", phase="press")
+    assert "3 samples saturated" in judged.record.notes[0]
+    turned = changed(own, force={"values": own["force"].values[::-1]})
+    judged = judge.judge(press, turned, "part", phase="press")
+    assert "3 samples saturated, from 0 s on" in judged.record.notes[0]
+
+
+def test_a_force_at_rest_before_the_contact_is_valid(press):
+    made = bush()
+    values = made["force"].values.copy()
+    for rest_N in (0.0, -3.0):
+        values[:9] = rest_N
+        values[-9:] = rest_N
+        own = changed(made, force={"values": values})
+        assert judge.judge(press, own, "part").record.state == "good"
+
+
+def test_a_delay_loses_no_sample(press):
+    """It moves the ends of the force against those of the position."""
+    made = bush()
+    labels = np.where(np.arange(len(made["force"].values)) < 30, -1, 0)
+    made = with_phase(made, labels)
+    for name in ("force", "position"):
+        own = changed(made, **{name: {"delay_s": 0.003}})
+        assert len(curve_samples.times_of(own, "part").number) == len(labels)
+        assert curve_samples.times_of(own, "part").periods == len(labels)
 
 
 def test_positions_with_other_times_are_interpolated_except_over_gaps(press):

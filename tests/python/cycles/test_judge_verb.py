@@ -97,6 +97,70 @@ def test_a_rest_at_the_end_of_the_way_may_be_a_saturated_sensor(folder):
     assert "held is invalid" in text and "shoulder is invalid" not in text
 
 
+def foreign(file, force_of, heads=("t [s]", "F [N]", "s [mm]")):
+    """Writes a curve of 200 samples of another program. force_of: force in N as text."""
+    with file.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(heads)
+        writer.writerows((f"{k / 1000:.4f}", force_of(k), f"{k * 0.02:.4f}") for k in range(200))
+
+
+def ramp(k):
+    return f"{0.4 * k + 0.013 * (k % 7):.4f}"
+
+
+# (force of a sample, number of notes of the import about samples, text about the part)
+AT_AN_END = [
+    (ramp, 0, "good"),
+    (lambda k: ramp(k) if k < 110 else "OVLD", 2, "90 samples missing, from 0.11 s on"),
+    (lambda k: ramp(k) if k < 110 else "9.9e37", 2, "90 samples missing, from 0.11 s on"),
+    (lambda k: "OVLD" if k < 40 else ramp(k), 2, "40 samples missing, from 0 s on"),
+    (lambda k: min(ramp(k), "45.0000", key=float), 0, "87 samples saturated, from 0.113 s on"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("force_of", "notes", "text"), AT_AN_END)
+def test_a_force_over_its_range_at_an_end_of_a_file_makes_the_part_bad(
+    tmp_path, force_of, notes, text
+):
+    element = dict(PRESS["element"][4], phases=["press"])
+    (tmp_path / "bush.toml").write_text(tomlkit.dumps({**PRESS, "element": [element]}))
+    foreign(tmp_path / "a.csv", force_of)
+    words = ("bush.toml", "a.csv", *COUNTS, "--map", "force=F,position=s", "--phase", "press")
+    shown = judged(tmp_path, *words)
+    assert text in shown
+    assert ("cycle        A bush: good\n" in shown) == (text == "good")
+    (part,) = judged_json(tmp_path, *words)["parts"]
+    assert len(part["import_notes"]) == 1 + notes
+    for note in part["import_notes"]:
+        assert f"note         a.csv: {note}\n" in shown
+    assert "left out" in str(part["import_notes"]) or not notes
+
+
+def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):
+    shutil.copy(folder / "bush.toml", tmp_path)
+    for name in "abc":
+        foreign(tmp_path / f"{name}.csv", ramp, ("t [s]", "Force, actual", "s [mm]"))
+    maps = ("--map", "force=Force, actual:N,position=s")
+    text = judged(tmp_path, "bush.toml", "a.csv", "b.csv", "c.csv", *COUNTS, *maps)
+    done = forceaxis("recording", "import", "a.csv", *maps, "--out", "a", "--json", cwd=tmp_path)
+    (note,) = json.loads(done.stdout)["notes"]
+    assert f"note         a.csv: {note} (and 2 files alike)\n" in text
+    parts = judged_json(tmp_path, "bush.toml", "a.csv", "a.npz", *COUNTS, *maps)["parts"]
+    assert [part["import_notes"] for part in parts] == [[note], []]
+    assert parts[0]["record"]["elements"] == parts[1]["record"]["elements"]
+
+
+def test_a_file_with_several_curves_is_refused_by_its_name(folder, tmp_path):
+    shutil.copy(folder / "bush.toml", tmp_path)
+    rows = [f"{k / 1000:.4f},{ramp(k)},{k * 0.02:.4f}" for k in range(200)]
+    (tmp_path / "a.csv").write_text("\n".join(["t [s],F [N],s [mm]", *rows, *rows]) + "\n")
+    done = forceaxis("cycle", "judge", "bush.toml", str(tmp_path / "a.csv"), *COUNTS, "--map",
+                     "force=F,position=s", cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("forceaxis: a.csv: expected the curve of one part, got 2 sect")
+
+
 def test_a_series_prints_statistics_and_drift(folder):
     text = judged(folder, "bush.toml", "part1.npz", "part2.npz", "part3.npz", "part4.npz", *COUNTS)
     lines = text.splitlines()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,13 +10,26 @@ import click
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Folder, Slow, Subject, as_json, print_json, show
+from forceaxis.cli.common import (
+    File,
+    Folder,
+    Slow,
+    Subject,
+    as_json,
+    options_in,
+    print_json,
+    show,
+)
 from forceaxis.cli.cycle import cycle, drift_options, program_option, rate
 from forceaxis.errors import ParameterError
 from forceaxis.results import to_json
+from forceaxis.words import counted
 
 if TYPE_CHECKING:
-    from forceaxis.cycles.judge import Counts
+    from collections.abc import Iterable, Iterator
+
+    from forceaxis.cycles.judge import Counts, Judged, JudgePress
+    from forceaxis.recordings.importing import Imported
     from forceaxis.recordings.signal_recording import SignalRecording
 
 
@@ -63,22 +77,43 @@ def counts_of(travel: str | None, force: str | None, contact: str | None) -> Cou
 
 def read_curve(
     file: Path, maps: tuple[str, ...], time: str | None, rate_hz: float | None
-) -> SignalRecording:
+) -> Imported:
     """Return the recording in a file. With `maps`, the file is one of another program, which is
-    imported. Raises InputError."""
+    imported as `recording import` does it. Raises InputError."""
     from forceaxis.cli.recording import sources_of
     from forceaxis.recordings import signal_recording
-    from forceaxis.recordings.importing import ImportRequest, import_sources
+    from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
 
     if not maps or signal_recording.is_recording(file):
-        return signal_recording.read(file)
-    found = import_sources(sources_of(file, None), file, ImportRequest(maps, time, rate_hz))
+        return Imported(signal_recording.read(file), ())
+    texts = [text for given in maps for text in maps_of(given)]
+    found = import_sources(sources_of(file, None), file, ImportRequest(texts, time, rate_hz))
     if len(found) > 1:
         raise InputError(
-            f"{file}: expected the curve of one part, got {len(found)} sections; `forceaxis "
-            "recording import` writes a recording of each, which this command takes"
+            f"{paths.display(file)}: expected the curve of one part, got {len(found)} sections; "
+            "`forceaxis recording import` writes a recording of each, which this command takes"
         )
-    return found[0].recording
+    command = click.get_current_context().command
+    return replace(found[0], notes=tuple(options_in(command, note) for note in found[0].notes))
+
+
+def judged_files(
+    press: JudgePress, curves: tuple[Path, ...], imported: Iterable[Imported], phase: str | None
+) -> Judged:
+    """Return the evaluation of the curves of several files, with the notes of their import. Raises
+    InputError, ParameterError."""
+    from forceaxis.cycles.judge import judge_all
+
+    notes: list[list[str]] = []
+
+    def recordings() -> Iterator[tuple[str, SignalRecording]]:
+        for file, found in zip(curves, imported, strict=True):
+            notes.append(list(found.notes))
+            yield paths.display(file), found.recording
+
+    judged = judge_all(press, recordings(), phase)
+    parts = [replace(part, import_notes=own) for part, own in zip(judged.parts, notes, strict=True)]
+    return replace(judged, parts=parts)
 
 
 @cycle.command(
@@ -108,7 +143,8 @@ def read_curve(
 )  # fmt: skip
 @click.option(
     "--force-range", metavar="LOW..HIGH",
-    help="Range of the force sensor. Default: what the recording names as saturated.",
+    help="Range of the force sensor. Default: what the recording names as saturated, and a force "
+    "that is cut off at an end of the curve.",
 )  # fmt: skip
 @click.option(
     "--travel-range", metavar="LOW..HIGH", help="Range of the position sensor, in the same way."
@@ -184,7 +220,6 @@ def judge(
         )
     drift.check(false_alarms, reference)
     counts = counts_of(travel_count, force_count, contact_force)
-    texts = tuple(text for given in maps for text in given.split(",") if text)
     if counts is not None and program is not None:
         raise ParameterError(
             "program", f"expected no second program beside the sizes of counts; give {program} as "
@@ -194,15 +229,12 @@ def judge(
         range_of("force_range", force_range, "N"), range_of("travel_range", travel_range, "m")
     )
     known = judge.JudgePress(press, counts, tuple(with_program((), program)), ranges)
-    judged = judge.judge_all(
-        known,
-        ((paths.display(file), read_curve(file, texts, time, rate_hz)) for file in curves),
-        phase,
-    )
+    imported = (read_curve(file, maps, time, rate_hz) for file in curves)
+    judged = judged_files(known, curves, imported, phase)
     proposal = None
     if propose is not None and write is not None:
         proposal = judge.teach(known, judged, propose, write)
-    parts = records.RecordedParts(counted_curves(curves), judged.records)
+    parts = records.RecordedParts(counted(len(curves), "curve"), judged.records)
     found = capability.statistics(parts)
     series = drift.drift(drift.series_of(judged.records), false_alarms, reference)
     if out is not None:
@@ -222,8 +254,3 @@ def judge(
     show(judge_text.rows(judged, found, series, proposal))
     if out is not None:
         show([("files", paths.quoted(out))])
-
-
-def counted_curves(curves: tuple[Path, ...]) -> str:
-    """Return the number of curves as text."""
-    return f"{len(curves)} curve{'s' * (len(curves) != 1)}"

@@ -18,6 +18,7 @@ from forceaxis.cycles.judge import Judged, JudgedPart, counts_text, not_good
 from forceaxis.cycles.outcome import BY_PROGRAM, GOOD
 from forceaxis.cycles.propose import Proposal
 from forceaxis.experiments.summary import CYCLE_OUTCOMES
+from forceaxis.words import counted
 
 SHOWN = 20  # largest number of parts of a series that are shown for one reason
 
@@ -104,6 +105,22 @@ def order_rows(files: list[str]) -> Rows:
     return []
 
 
+def import_rows(parts: list[JudgedPart]) -> Rows:
+    """Return the rows (key, text) about the import of the curves. Of notes that differ only in
+    their numbers, the first one is shown with the number of the other files."""
+    first, files = dict[str, str](), dict[str, set[str]]()
+    for part in parts:
+        for note in part.import_notes:
+            alike = re.sub(r"\d+", "1", note)
+            first.setdefault(alike, f"{part.file}: {note}")
+            files.setdefault(alike, set()).add(part.file)
+    return [
+        ("note", text + (f" (and {counted(len(files[alike]) - 1, 'file')} alike)"
+                         if len(files[alike]) > 1 else ""))
+        for alike, text in first.items()
+    ]  # fmt: skip
+
+
 def shown(key: str, lines: list[str]) -> Rows:
     """Return rows (key, text) for at most SHOWN lines, and a row with the number of the others."""
     found = [(key, line) for line in lines[:SHOWN]]
@@ -132,6 +149,7 @@ def rows(
         found += [row for row in statistics_rows(statistics) if row[0] not in ("program", "source")]
         files = [one.file for one in parts]
         found += [*drift_rows(drift), *order_rows(files), *change_rows(drift, files)]
+    found += import_rows(judged.parts)
     if any(part.is_interpolated for part in judged.parts):
         found.append(("note", "the position was interpolated at the times of the force"))
     if any("saturated" in note for part in judged.parts for note in part.record.notes):

@@ -11,8 +11,11 @@ phases come from one of these sources, in this order:
     the program               its conditions and limits decide, as in the firmware
 
 A sample is not valid if it is missing, if it is saturated, or if its force is at an end of the
-range of the axis or of its counts. Saturated are the samples that the recording names so, unless
-the range of the sensor is known: the caller states it, or the axis itself was recorded.
+range of the axis or of its counts. The curve is as long as its signals: a force is missing before
+its first and after its last sample if the position or the phase is known there. Saturated are the
+samples that the recording names so, and a force that begins or ends with equal samples at its
+extreme, unless the range of the sensor is known: the caller states it, or the axis itself was
+recorded.
 """
 
 from dataclasses import dataclass
@@ -22,7 +25,7 @@ from numpy.typing import NDArray
 
 from forceaxis import _core
 from forceaxis._core import InputError
-from forceaxis.recordings.findings import GAP_PERIODS
+from forceaxis.recordings.findings import GAP_PERIODS, SATURATED_SAMPLES, runs
 from forceaxis.recordings.signal_recording import (
     EVEN_SHARE,
     Floats,
@@ -40,6 +43,8 @@ RATE_TOLERANCE = 1e-3
 # signals of the firmware that say in which phase a tick is; values after the tick
 TRACED_PHASE, TRACED_STATE, RUNNING = "cycle_phase", "cycle_state", 1
 PHASE = "phase"
+# signals from whose first to whose last sample the curve of a part reaches
+OF_CURVE = ("position", PHASE, TRACED_PHASE, TRACED_STATE)
 NO_PHASE = -1
 SAMPLES_MOST = 20_000_000  # largest number of sampling periods of a curve
 POSITION_MOST = 2**31 - 1
@@ -67,11 +72,19 @@ class Ranges:
 
 @dataclass(frozen=True)
 class CurveTimes:
-    """The times of a curve: one sample for each period, from the first sample of the force on."""
+    """The times of a curve: one sample for each period, from the first to the last sample of any of
+    its signals."""
 
-    number: Integers  # number of the period of each sample of the force, from 0
-    begin_s: float  # true time of the first sample
+    number: Integers  # number of the period of each sample of the force
+    periods: int  # number of all periods
+    begin_s: float  # true time of the first period, whose number is 0
     rate_hz: float
+
+    def all_s(self, known_s: Floats) -> Floats:
+        """Returns the true time of each period. `known_s`: those of the samples of the force."""
+        every = np.arange(self.periods)
+        inside = np.clip(every, self.number[0], self.number[-1])
+        return np.interp(inside, self.number, known_s) + (every - inside) / self.rate_hz
 
 
 @dataclass(frozen=True)
@@ -127,14 +140,35 @@ def times_of(recording: SignalRecording, where: str) -> CurveTimes:
             "differ by more than half a period; export every sample of the recording"
         )
     number, period = found
-    if number[-1] >= SAMPLES_MOST:
+    before, after = _without_force(recording, force, period)
+    periods = before + int(number[-1]) + 1 + after
+    if periods > SAMPLES_MOST:
         raise InputError(
             f"{where}: force: expected the curve of one part with at most {SAMPLES_MOST} sampling "
-            f"periods, got {number[-1]:.0f}; cut the recording"
+            f"periods, got {periods}; cut the recording"
         )
     # Digits of the rate that are only rounding errors are removed.
     rate_hz = float(f"{1 / period:.6g}")
-    return CurveTimes(number.astype(np.int64), float(np.median(off)), rate_hz)
+    begin_s = float(np.median(off)) - before * period
+    return CurveTimes(number.astype(np.int64) + before, periods, begin_s, rate_hz)
+
+
+def _without_force(
+    recording: SignalRecording, force: RecordedSignal, period_s: float
+) -> tuple[int, int]:
+    """Returns the numbers of sampling periods (before the first, after the last) sample of the
+    force in which another signal of the curve has samples. An import leaves out values that are no
+    forces, such as OVLD. A delay moves the ends of a signal, but no sample is lost by it."""
+    before, after = 0, 0
+    for signal in recording:
+        if signal.name not in OF_CURVE:
+            continue
+        of_delay_s = signal.delay_s - force.delay_s
+        begin_s = force.time_s[0] - signal.time_s[0] + min(of_delay_s, 0.0)
+        end_s = signal.time_s[-1] - force.time_s[-1] - max(of_delay_s, 0.0)
+        before = max(before, int(begin_s / period_s + EVEN_SHARE))
+        after = max(after, int(end_s / period_s + EVEN_SHARE))
+    return before, after
 
 
 def _saturated(
@@ -144,7 +178,7 @@ def _saturated(
     these times. `ends`: its range, or None if the recording names what is saturated."""
     if ends is not None:
         return np.asarray((values <= ends[0]) | (values >= ends[1]))
-    found = np.zeros(len(at_s), dtype=bool)
+    found = _cut_off(values) if signal.name == "force" else np.zeros(len(at_s), dtype=bool)
     slack_s = EVEN_SHARE / signal.rate_hz
     for one in signal.findings:
         if one.kind == "saturation":
@@ -153,19 +187,38 @@ def _saturated(
     return found
 
 
+def _cut_off(force_N: Floats) -> Flags:
+    """Returns True for each sample of a force that begins or ends with several equal samples at its
+    value of the largest magnitude, as at the end of the range of a sensor. Nothing shows that the
+    force there was not larger. The force before the contact is small, so it is not meant."""
+    found = np.zeros(len(force_N), dtype=bool)
+    known = np.flatnonzero(np.isfinite(force_N))
+    size = np.abs(force_N[known])
+    if not size.any():
+        return found
+    for end in {float(force_N[known[0]]), float(force_N[known[-1]])}:
+        if abs(end) < size.max():
+            continue
+        for a, b in runs(force_N[known] == end).tolist():
+            if b - a >= SATURATED_SAMPLES and (a == 0 or b == len(known)):
+                found[known[a:b]] = True
+    return found
+
+
 def _at(signal: RecordedSignal, at_s: Floats) -> tuple[Floats, Flags, bool]:
     """Returns the values of a signal at true times, for each time whether a value is missing there,
     and whether the values were interpolated between two samples."""
     own_s = signal.true_time_s
-    if len(own_s) == len(at_s) and np.array_equal(own_s, at_s):
-        return signal.values, np.zeros(len(at_s), dtype=bool), False
+    has_sample = np.isin(at_s, own_s)
+    if has_sample.all():
+        return signal.values[np.searchsorted(own_s, at_s)], ~has_sample, False
     after = np.clip(np.searchsorted(own_s, at_s), 1, len(own_s) - 1)
     gap_s = GAP_PERIODS * float(np.median(np.diff(own_s)))
     near = EVEN_SHARE / signal.rate_hz
     missing = (own_s[after] - own_s[after - 1] > gap_s) | (
         (at_s < own_s[0] - near) | (at_s > own_s[-1] + near)
     )
-    return np.interp(at_s, own_s, signal.values), missing, True
+    return np.interp(at_s, own_s, signal.values), missing & ~has_sample, True
 
 
 def counts(values: Floats, per_unit: float) -> Floats:
@@ -204,17 +257,19 @@ def curve_of(
             "or take a larger count of travel"
         )
     # A period without a sample has the values of the sample before, as an old sample of the axis.
-    last = np.searchsorted(times.number, np.arange(times.number[-1] + 1), side="right") - 1
-    is_there = np.zeros(len(last), dtype=bool)
+    # The phases have samples of their own.
+    last = np.searchsorted(times.number, np.arange(times.periods), side="right") - 1
+    last = np.clip(last, 0, None)
+    is_there = np.zeros(times.periods, dtype=bool)
     is_there[times.number] = True
-    labels = _labels(recording, where, at_s, times, phase)
+    labels = _labels(recording, where, times.all_s(at_s), times, phase)
     return CurveCounts(
         begin_s=times.begin_s,
         rate_hz=times.rate_hz,
         position=position_counts.astype(np.int64)[last],
         force=force_counts.astype(np.int64)[last],
         defect=np.where(is_there, defect[last], MISSING),
-        phase=None if labels is None else labels[last],
+        phase=labels,
         is_interpolated=is_interpolated,
     )
 
@@ -227,8 +282,8 @@ def is_traced(recording: SignalRecording) -> bool:
 def _labels(
     recording: SignalRecording, where: str, at_s: Floats, times: CurveTimes, phase: int | None
 ) -> Integers | None:
-    """Returns the number of the phase of each sample of the force, NO_PHASE outside of the cycle.
-    Returns None if the program decides. Raises InputError."""
+    """Returns the number of the phase of each period, whose times are `at_s`, NO_PHASE outside of
+    the cycle. Returns None if the program decides. Raises InputError."""
     if is_traced(recording):
         if abs(times.rate_hz / _core.TICKS_PER_SECOND - 1) > RATE_TOLERANCE:
             raise InputError(

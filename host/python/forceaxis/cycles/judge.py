@@ -31,6 +31,7 @@ from forceaxis.cycles.teach import outcome_of
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.run_result import CycleReport
 from forceaxis.experiments.summary import quantity
+from forceaxis.recordings.findings import runs
 from forceaxis.recordings.signal_recording import SignalRecording
 from forceaxis.words import counted
 
@@ -160,6 +161,8 @@ class JudgedPart:
     is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
+    # notes about the import of the curve from a file of another program
+    import_notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -290,7 +293,7 @@ class Ticks:
 
     def time_s(self, sample: int) -> float:
         """Returns the time of a sample in the recording."""
-        return self.curve.begin_s + (self.begin + sample) / self.curve.rate_hz
+        return round(self.curve.begin_s + (self.begin + sample) / self.curve.rate_hz, 9) + 0.0
 
     def invalid_in(self, numbers: Sequence[int], uses_travel: bool) -> Flags:
         """Returns, for each sample, True if it is not valid and a figure over the phases `numbers`
@@ -299,7 +302,7 @@ class Ticks:
         phases = np.isin(self.phases, numbers)
         is_missing = self.defect == MISSING
         after = phases.copy()
-        for a, b in _stretches(is_missing):
+        for a, b in runs(is_missing).tolist():
             after[a:b] = b < len(phases) and phases[b]
         found = is_invalid & (phases | (is_missing & after))
         if uses_travel:
@@ -307,18 +310,12 @@ class Ticks:
         return np.asarray(found)
 
 
-def _stretches(flags: Flags) -> list[tuple[int, int]]:
-    """Returns the index ranges (begin, end) in which an array is True."""
-    turns = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
-    return [(int(a), int(b)) for a, b in turns.reshape(-1, 2)]
-
-
 def _spans(ticks: Ticks, program: Program) -> list[PhaseSpan]:
     starts = [0, *(np.flatnonzero(np.diff(ticks.phases)) + 1).tolist(), len(ticks.phases)]
     return [
         PhaseSpan(
             program.phases[int(ticks.phases[a])].name,
-            round(ticks.time_s(a), 9), round(ticks.time_s(b - 1), 9), "",
+            ticks.time_s(a), ticks.time_s(b - 1), "",
         )
         for a, b in pairwise(starts)
     ]  # fmt: skip

@@ -93,8 +93,8 @@ def saturations(time_s: Floats, values: Floats, quantum: float) -> Iterator[Sign
     enters and leaves it with a steep step. A converter at an end of its range causes such an
     interval."""
     for end in (float(values.max()), float(values.min())):
-        runs = _runs(values == end)
-        for a, b in runs[runs[:, 1] - runs[:, 0] >= SATURATED_SAMPLES].tolist():
+        found = runs(values == end)
+        for a, b in found[found[:, 1] - found[:, 0] >= SATURATED_SAMPLES].tolist():
             # An interval is saturation only if the signal both enters and leaves it with a step.
             # A signal that was at rest at an end of its range only leaves the interval.
             if a == 0 or b == len(values):
@@ -110,13 +110,13 @@ def saturations(time_s: Floats, values: Floats, quantum: float) -> Iterator[Sign
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
     """Yields a finding for each long constant interval of a signal that otherwise changes. A failed
     sensor causes such intervals."""
-    runs = _runs(values[1:] == values[:-1])  # pairs of equal neighbours
-    lengths = runs[:, 1] - runs[:, 0] + 1
+    equal = runs(values[1:] == values[:-1])  # pairs of equal neighbours
+    lengths = equal[:, 1] - equal[:, 0] + 1
     # Half of the samples are in intervals of equal values that are at most this long.
     # A position at rest is often constant, so the usual length of a constant interval is needed.
     usual = _median_length(lengths, len(values))
     least = max(CONSTANT_SAMPLES, CONSTANT_FACTOR * usual)
-    for a, last in runs[lengths >= least].tolist():
+    for a, last in equal[lengths >= least].tolist():
         yield SignalFinding(
             "constant", float(time_s[a]), float(time_s[last]), last - a + 1,
             f"{last - a + 1} samples of {values[a]:.6g}",
@@ -144,8 +144,10 @@ def quantum_of(values: Floats) -> float:
     return smallest if np.isfinite(smallest) else 0.0
 
 
-def _runs(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
+def runs(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Returns the index ranges [(begin, end)] in which an array is True, as an array (n, 2)."""
+    if not len(inside):
+        return np.empty((0, 2), dtype=np.int64)
     turns = np.flatnonzero(inside[1:] != inside[:-1]) + 1
     if inside[0]:
         turns = np.insert(turns, 0, 0)
