@@ -21,6 +21,7 @@ from forceaxis.recordings.columns import (
     TEXT,
     Line,
     Section,
+    is_count,
 )
 from forceaxis.recordings.source import TIME_NAMES, Grid, Head, time_by_name
 from forceaxis.recordings.units import IN_BRACKETS, factor_of, is_unit, split_name
@@ -46,6 +47,8 @@ CHANNEL_NAMES = ("tracename", "name", "channel", "channel name", "signal", "sign
 COUNTS = ("samples", "record length", "points", "blocksize", "number of samples", "anzahl werte")
 TIME_UNITS = ("horizontal units", "horizontal unit")
 KEYS = (*STEPS, *RATES, *BEGINS, *COUNTS, *CHANNEL_UNITS, *TIME_UNITS)
+# Names of a column of remarks at the end of the rows, in which every row may lack it
+REMARKS = ("comment", "comments", "kommentar", "bemerkung", "remark", "remarks")
 # First words of files whose times are in s without saying so: {word in lower case: kind of file}
 TIMES_IN_S = {"lecroy": "LeCroy", "labview measurement": "LabVIEW LVM"}
 
@@ -61,6 +64,7 @@ class Heads:
     units: Line | None = None
     count: tuple[int, Line] | None = None  # number of samples that the header states
     notes: list[str] = field(default_factory=list)
+    refused: Line | None = None  # line with more names than the rows have fields
 
 
 def heads_of(section: Section, before: Heads | None) -> Heads:
@@ -73,7 +77,8 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     width = _width_of(section)
     keys, side = _keys_of(lines), _keys_beside(section)
     found = _keyed_heads(section, keys, width) or _named_heads(section, lines, width)
-    if found.names is None and before is not None and len(before.heads) >= width:
+    has_none = found.names is None and found.refused is None
+    if has_none and before is not None and len(before.heads) >= width:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)
     _add_units(found, keys)
@@ -118,12 +123,26 @@ def _is_wide(line: Line, section: Section, width: int) -> bool:
     known = [cell for cell in cells[:width] if cell]
     if not 2 * len(known) >= min(width, len(section.checked)):
         return False
-    return not all(section.dialect.value(cell) is not None for cell in known)
+    is_number = all(section.dialect.value(cell) is not None for cell in known)
+    return not is_number or line.cells == section.counted
+
+
+def _has_too_many_names(line: Line, section: Section) -> bool:
+    """Returns True if a line has names where the rows have no fields. A separator inside of a name
+    may then have shifted the names behind it. Keys and remarks may stand there."""
+    least = section.widths[0]
+    for place, cell in enumerate(line.cells[least:], least):
+        is_remark = place < section.widest and split_name(cell)[1] is None
+        if cell and not (_is_key(cell) or is_remark or cell.casefold() in REMARKS):
+            return True
+    return False
 
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Returns True if a line has units, and not names, of the columns."""
     known = [cell for cell in cells if cell]
+    if is_count(cells):
+        return False
     units = sum(
         _is_bracketed(cell) or (is_unit(cell) and not IN_BRACKETS.match(cell)) for cell in known
     )
@@ -140,15 +159,19 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     if not wide and lines:
         _expect_decimal_points(section, lines[-1], width)
     names_line, units_line = _lines_of(section, wide, width)
+    refused = None
+    if names_line is not None and _has_too_many_names(names_line, section):
+        refused, names_line, units_line = names_line, None, None
     if names_line is not None:  # columns without any field that have a name
         names = names_line.cells[: section.width]
         width = max(width, *(k + 1 for k, cell in enumerate(names) if cell and not _is_key(cell)))
-    found = Heads([Head(f"column {place + 1}") for place in range(width)])
+    found = Heads([Head(f"column {place + 1}") for place in range(width)], refused=refused)
     if names_line is None:
-        if lines and len(lines[-1].cells) > 1:
+        last = refused or (lines[-1] if lines else None)
+        if last is not None and len(last.cells) > 1:
             found.notes.append(
-                f"line {lines[-1].number} has {len(lines[-1].cells)} fields, and no names of the "
-                f"{width} columns were read from it"
+                f"line {last.number} has {len(last.cells)} fields, and no names of the {width} "
+                "columns were read from it"
             )
         return found
     found.names, found.units = names_line, units_line

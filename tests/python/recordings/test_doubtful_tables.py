@@ -1,0 +1,57 @@
+"""Text tables that may be read in two ways: nothing of them is imported in silence."""
+
+import pytest
+from test_text_tables import expect, imported, refused, rows, table
+
+TOO_MANY = {
+    "comma": ("t [s],Force, actual [N],Position [mm]\n", "{t:.4f},{f:.4f},{k}"),
+    "blank": ("Time [s] Contact force [N] Position [mm]\n", "{t:.4f} {f:.4f} {k}"),
+    "no units": ("t contact force position\n", "{t:.4f} {f:.4f} {k}"),
+    "units below": ("t,Force, actual,Position\ns,N,mm\n", "{t:.4f},{f:.4f},{k}"),
+    "no field": (",t [s],F [N],x [mm]\n", "{t:.4f},{f:.4f},{k}"),
+}
+
+
+@pytest.mark.parametrize("form", TOO_MANY)
+def test_more_names_than_fields_name_no_columns(tmp_path, form):
+    head, row = TOO_MANY[form]
+    text = table(rows(row), head)
+    for name in ("force", "actual", "F"):
+        said = refused(tmp_path, text, "--map", f"force={name}:N", "--time", "1:s")
+        assert "(column 1, column 2, column 3)" in said
+    signal, printed = imported(tmp_path, text, "--map", "force=2:N", "--time", "1:s")
+    expect(signal)
+    assert "line 1 has 4 fields, and no names of the 3 columns were read from it" in printed
+
+
+def test_more_names_than_fields_take_no_names_of_the_section_above(tmp_path):
+    head, row = TOO_MANY["comma"]
+    text = table(rows(row), "t [s],F [N],x [mm]\n") + table(rows(row), head)
+    signal, printed = imported(tmp_path, text, "--map", "force=F")
+    expect(signal)
+    assert "of the 3 columns were read from it: not imported, as expected a column" in printed
+
+
+def test_a_remark_in_a_row_makes_no_place_for_a_name_with_a_unit(tmp_path):
+    head, row = TOO_MANY["comma"]
+    lines = rows(row)
+    lines[30] += ",the part slips"
+    refused(tmp_path, table(lines, head), "--map", "force=actual")
+    signal, _ = imported(tmp_path, table(lines, "t [s],F [N],x [mm],What\n"), "--map", "force=F")
+    expect(signal)
+    for head in ("t [s],F [N],x [mm],Comment\n", "t [s],F [N],x [mm],,\n"):
+        expect(imported(tmp_path, table(rows(row), head), "--map", "force=F")[0])
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_numbers_above_the_columns_are_names_and_no_sample(tmp_path, first):
+    lines = rows("{k},{f:.3f},{k}.125")
+    text = table(lines, f",{first},{first + 1}\n")
+    words = ("--map", "force=#2:N", "--rate", "1000")
+    signal, printed = imported(tmp_path, text, *words)
+    expect(signal)
+    assert "60 rows in lines 2 to 61, names of line 1" in printed
+    signal, _ = imported(tmp_path, text + text, *words, "--section", "2")
+    expect(signal)  # a second header is no sample either
+    other = text.replace(f",{first},{first + 1}\n", ",0.5,1\n", 1)  # a sample without an index
+    assert len(imported(tmp_path, other, *words)[0].values) == 61
