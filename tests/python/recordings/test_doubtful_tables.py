@@ -55,3 +55,14 @@ def test_numbers_above_the_columns_are_names_and_no_sample(tmp_path, first):
     expect(signal)  # a second header is no sample either
     other = text.replace(f",{first},{first + 1}\n", ",0.5,1\n", 1)  # a sample without an index
     assert len(imported(tmp_path, other, *words)[0].values) == 61
+
+
+@pytest.mark.parametrize(
+    "unit", ["1.2.3kgf", "1e400N", "1e400kgf", "1e-400N", "1..2N", "1e200N", "N-1e999", "N+1e101"]
+)
+def test_sizes_and_offsets_of_units_are_finite_numbers(tmp_path, unit):
+    text = table(rows("{t:.3f},{f}"), "t_s,F_N\n")
+    said = refused(tmp_path, text, "--map", f"force=2:{unit}")
+    assert f"expected a unit such as N, got '{unit}'" in said
+    said = refused(tmp_path, text.replace("F_N", f"F ({unit})"), "--map", "force=2")
+    assert "expected a unit of force, such as N, got" in said
