@@ -66,3 +66,31 @@ def test_sizes_and_offsets_of_units_are_finite_numbers(tmp_path, unit):
     assert f"expected a unit such as N, got '{unit}'" in said
     said = refused(tmp_path, text.replace("F_N", f"F ({unit})"), "--map", "force=2")
     assert "expected a unit of force, such as N, got" in said
+
+
+def test_a_signal_has_no_times_by_its_unit_alone(tmp_path):
+    text = table(rows("{k};{t:.4f};{f}"), "Step;pos_s;F_N\n")
+    said = refused(tmp_path, text, "--map", "position=pos_s:mm,force=F_N")
+    assert "expected a column of times, got pos_s, which is a signal here; write --time" in said
+    words = ("--map", "force=F_N,position=pos_s:mm", "--rate", "1000")
+    expect(imported(tmp_path, text, *words)[0])
+    signal, printed = imported(tmp_path, text, "--map", "force=F_N")
+    expect(signal)
+    assert "the times are those of pos_s, column 2, which was not found by its name" in printed
+    named = text.replace("pos_s", "t_s")
+    assert "not found by its name" not in imported(tmp_path, named, "--map", "force=F_N")[1]
+
+
+def test_a_signal_has_no_times_of_a_group_by_its_unit_alone(tmp_path):
+    text = table(rows("{t:.3f};{k};{t:.4f};{f}"), "t1 [s];x [mm];pos_s;F_N\n")
+    said = refused(tmp_path, text, "--map", "position=pos_s:mm,force=F_N")
+    assert "which is a signal here" in said
+    expect(imported(tmp_path, text, "--map", "force=F_N")[0])
+
+
+def test_the_note_of_a_restart_names_the_lines(tmp_path):
+    _, printed = imported(
+        tmp_path, table([*rows("{t:.3f},{f}"), *rows("{t:.3f},{f}")], "t_s,F_N\n"),
+        "--map", "force=F_N", "--section", "2",
+    )  # fmt: skip
+    assert "recording 2 of 2, which begin again in one section: lines 62 to 121" in printed

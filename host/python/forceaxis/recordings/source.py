@@ -73,6 +73,12 @@ class SourceColumn:
             return f"line {self.lines[sample]}, {self.name}"
         return f"{self.name}, sample {sample}"
 
+    def stretch(self, part: slice) -> str:
+        """Returns the place of successive samples as text for messages, such as "lines 2 to 21"."""
+        if len(self.lines):
+            return f"lines {self.lines[part.start]} to {self.lines[part.stop - 1]}"
+        return f"{self.name}, samples {part.start} to {part.stop - 1}"
+
 
 class Source(abc.ABC):
     """A file, or a section of a file, that is read as a source of recordings. `where`: name of the
@@ -145,6 +151,10 @@ class Source(abc.ABC):
     def time_place(self) -> int | None:
         """Returns the place of the column with the times, or None if no column has such a name."""
         return time_by_name(self.names())
+
+    def has_sure_times(self, place: int) -> bool:
+        """Returns True if a column of times was not found by its unit or its texts alone."""
+        return True
 
 
 def time_by_name(names: Sequence[str]) -> int | None:

@@ -28,7 +28,13 @@ from forceaxis.recordings.columns import (
 )
 from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_of, is_missing
 from forceaxis.recordings.signal_recording import Floats
-from forceaxis.recordings.source import Head, Source, SourceColumn, expect_finite
+from forceaxis.recordings.source import (
+    Head,
+    Source,
+    SourceColumn,
+    expect_finite,
+    time_by_name,
+)
 from forceaxis.words import counted
 
 SHOWN = 40  # largest number of characters that a message shows of a text that is not a number
@@ -92,6 +98,9 @@ class TableSource(Source):
 
     def time_place(self) -> int | None:
         return heads.time_place_of(self._section, self.heads)
+
+    def has_sure_times(self, place: int) -> bool:
+        return time_by_name([self.heads[place].name]) is not None
 
     def column(self, place: int) -> SourceColumn:
         self._expect_columns()
