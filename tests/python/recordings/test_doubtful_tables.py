@@ -94,3 +94,68 @@ def test_the_note_of_a_restart_names_the_lines(tmp_path):
         "--map", "force=F_N", "--section", "2",
     )  # fmt: skip
     assert "recording 2 of 2, which begin again in one section: lines 62 to 121" in printed
+
+
+RATES = {
+    "semicolon": ("Sample rate;1,000 Hz\nF [N];x [mm]\n", "{f:.4f};{k}"),
+    "colon": ("Sample rate: 1,000 Hz\nF [N];x [mm]\n", "{f:.4f};{k}"),
+    "comma": ("Sample rate,1,000 Hz\nF [N],x [mm]\n", "{f:.4f},{k}"),
+    "quoted": ('"Sample rate","1,000"\nF [N],x [mm]\n', "{f:.4f},{k}"),
+    "point": ("Abtastrate;1.000 Hz\nF [N];x [mm]\n", "{f};{k},25"),
+    "integers": ("Sample rate;1.000\nF [N];x [mm]\n", "{k};{k}"),
+    "step": ("Increment;1.000\nF [N];x [mm]\n", "{k};{k}"),
+    "begin": ("X0;1.000\nIncrement;0.001\nF [N];x [mm]\n", "{k};{k}"),
+    "two groups": ("Sample rate;1,000,000 Hz\nF [N];x [mm]\n", "{f:.4f};{k}"),
+}
+
+
+@pytest.mark.parametrize("form", RATES)
+def test_a_stated_rate_with_a_separator_of_thousands_is_refused(tmp_path, form):
+    head, row = RATES[form]
+    lines = rows(row)
+    if "Abtast" in head:
+        lines = [line.replace(".", ",") for line in lines]
+    text = table(lines, head)
+    said = refused(tmp_path, text, "--map", "force=F:N")
+    assert "may have a separator of thousands; write --time COLUMN:UNIT, or --rate HZ" in said
+    signal, _ = imported(tmp_path, text, "--map", "force=F:N", "--rate", "1000")
+    assert signal.rate_hz == 1000 and signal.time_s[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "rate_hz"),
+    [
+        ("Sample rate;2.500 Hz\nF [N];x [mm]\n", "{f:.4f};{k}", 2.5),
+        ("Sample rate;2500.000 Hz\nF [N];x [mm]\n", "{f:.3f};{k}", 2500),
+        ("Increment;1.000e-3\nF [N];x [mm]\n", "{f};{k}", 1000),
+        ("Sample interval;0.001 s\nF [N];x [mm]\n", "{f};{k}", 1000),
+        ("Start;14:03:14.125\nSample rate;1000 Hz\nF [N];x [mm]\n", "{f};{k}", 1000),
+        ("Sample rate,500,500\n,F [N],x [mm]\n", ",{f},{k}", 500),
+    ],
+)
+def test_a_stated_rate_whose_decimal_sign_is_sure_is_read(tmp_path, head, row, rate_hz):
+    signal, _ = imported(tmp_path, table(rows(row), head), "--map", "force=F")
+    expect(signal, rate_hz=rate_hz)
+
+
+def test_a_rate_in_doubt_does_not_matter_beside_times(tmp_path):
+    text = table(rows("{t:.4f};{f}"), "Sample rate;1,000 Hz\nt [s];F [N]\n")
+    signal, printed = imported(tmp_path, text, "--map", "force=F")
+    expect(signal)
+    assert "the source states" not in printed
+
+
+def test_a_stated_count_with_a_separator_of_thousands_is_not_read(tmp_path):
+    text = table(rows("{f};{k}"), "Samples;10.000\nIncrement;1.0e-3\nF [N];x [mm]\n")
+    expect(imported(tmp_path, text, "--map", "force=F")[0])
+
+
+@pytest.mark.parametrize("row", ["{t:.4f}", "{k}"])
+def test_whole_thousands_are_refused(tmp_path, row):
+    lines = [f"{line};{1 + k % 7}.000" for k, line in enumerate(rows(row))]
+    text = table(lines, "t [ms];F [N]\n")
+    if row == "{t:.4f}":  # the times show the decimal sign
+        assert imported(tmp_path, text, "--map", "force=F")[0].values[0] == 1.0
+        return
+    said = refused(tmp_path, text, "--map", "force=F")
+    assert "line 2, F: expected a sure decimal sign, got '1.000', which may be 1000" in said

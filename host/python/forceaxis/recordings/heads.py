@@ -23,6 +23,7 @@ from forceaxis.recordings.columns import (
     Section,
     is_count,
 )
+from forceaxis.recordings.dialect import GROUPED, Dialect
 from forceaxis.recordings.source import TIME_NAMES, Grid, Head, time_by_name
 from forceaxis.recordings.units import IN_BRACKETS, factor_of, is_unit, split_name
 
@@ -30,6 +31,10 @@ COMMENT = re.compile(r"^\s*(#|%|//|!)+\s*")
 KEY_MARK = re.compile(r"\s*([:=])\s*")  # between a key and its value
 # A blank before a unit in brackets does not separate columns.
 BLANK_BEFORE_UNIT = re.compile(r"\s+(?=[\[(][^\[\]()\s]*[\])])")
+# A number in a line that may have separators of thousands
+GROUPS = re.compile(
+    r"(?<![\w.,'])[1-9]\d{0,2}(?:[.,']\d{3})+(?:[.,]\d+)?(?!\d|[.,']\d|[eE][-+]?\d)"
+)
 SCOPE = "TwinCAT Scope"
 # Keys of the step of the times, in lower case. Without a unit they are in s only in the files of
 # makers that define it so.
@@ -241,7 +246,8 @@ def _keyed_heads(
 
 def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, Line] | None:
     key = next((k for k in COUNTS if k in keys and keys[k][1]), None)
-    count = _number(keys[key][1][0].rpartition(":")[2]) if key else None
+    text = keys[key][1][0].rpartition(":")[2].strip() if key else ""
+    count = None if GROUPED.match(text) else _number(text)
     return (round(count), keys[key][0]) if key and count and 1 < count < 1e12 else None
 
 
@@ -412,6 +418,23 @@ def _number(text: str) -> float | None:
         return None
 
 
+def _doubtful_number(
+    line: Line, key: str, values: Sequence[str], dialect: Dialect, is_sure: bool
+) -> str:
+    """Returns a number behind a key that may have a separator of thousands, or "". `is_sure`:
+    whether the rows show that the decimal sign of the dialect is one."""
+    at = line.text.casefold().find(key)
+    texts = values if at < 0 else [line.text[at + len(key) :].lstrip(' ,;:=|"\t')]
+    if at >= 0 and dialect.separator == "," and len({value for value in values if value}) == 1:
+        texts = values  # the same number for each channel
+    for found in (found for text in texts for found in GROUPS.finditer(text)):
+        number = found[0]
+        is_decimal = number.count(dialect.decimal) == 1 and dialect.separator != dialect.decimal
+        if not (is_sure and is_decimal and re.fullmatch(r"\d+.\d{3}", number)):
+            return number
+    return ""
+
+
 def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, list[str]]]) -> None:
     """Adds the times that the header states by begin and step, for each column of numbers."""
     key = next((k for k in (*STEPS, *RATES) if k in keys and keys[k][1]), None)
@@ -421,13 +444,21 @@ def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, li
     begin_key = next((k for k in BEGINS if k in keys), None)
     begins = keys[begin_key][1] if begin_key else []
     counter = next((k for k, head in enumerate(found.heads) if _counts(head)), None)
+    dialect = section.dialect
+    is_sure = any(dialect.has_sure_decimals(cell) for row in section.samples for cell in row)
+    doubt = _doubtful_number(line, key, steps, dialect, is_sure)
+    numbers = [one for one in begins if _number(one.strip().replace(",", ".")) is not None]
+    doubt = doubt or _doubtful_number(line._replace(text=""), key, numbers, dialect, is_sure)
     for place, head in enumerate(found.heads):
         # The fields behind a key stand above their columns if there are several of them.
         own = place - 1 if len([s for s in steps if s]) > 1 else 0
         step_s = _seconds(steps[own], key) if 0 <= own < len(steps) else None
         begin = begins[own] if 0 <= own < len(begins) else ""
         begin_s = _number(begin.strip().replace(",", "."))
-        if step_s and step_s > 0 and section.kinds[place] in (NUMBER, EMPTY, TEXT):
+        if doubt:
+            text = f"the {key} of line {line.number}"
+            found.heads[place] = replace(head, grid=Grid(0.0, 1.0, text, doubt=doubt))
+        elif step_s and step_s > 0 and section.kinds[place] in (NUMBER, EMPTY, TEXT):
             text = f"{key} {steps[own]} of line {line.number}"
             found.heads[place] = replace(head, grid=Grid(begin_s or 0.0, step_s, text, counter))
 

@@ -43,6 +43,7 @@ class Grid:
     step_s: float
     text: str  # where the source states them, such as "Increment 0.001 of line 2"
     counter: int | None = None  # place of a column that counts the steps; None: each row is one
+    doubt: str = ""  # number of `text` that may have a separator of thousands
 
 
 @dataclass(frozen=True)

@@ -156,21 +156,33 @@ class TableSource(Source):
         if any(self._section.dialect.has_sure_decimals(cell) for row in rows for cell in row):
             return
         broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
-        if not len(broken):
+        at = int(broken[0]) if len(broken) else None
+        found = (at, self._cell(place, at)) if at is not None else self._grouped(place)
+        if found is None or not GROUPED.match(found[1]):
             return
-        cell, name = self._cell(place, int(broken[0])), self.heads[place].name
-        if not GROUPED.match(cell):
-            return
+        (row, cell), name = found, self.heads[place].name
         other = cell.replace(".", "").replace(",", "")
-        cells = [row[place] for row in rows if place < len(row) and not is_missing(row[place])]
-        if all(self._section.dialect.decimal in one for one in cells):
+        cells = [one[place] for one in rows if place < len(one) and not is_missing(one[place])]
+        if len(broken) and all(self._section.dialect.decimal in one for one in cells):
             self._note(f"{name}: {cell} was read with three decimals, and not as {other}")
             return
         raise InputError(
-            f"{self.where}: line {self._section.line_of(int(broken[0]))}, {name}: expected a sure "
+            f"{self.where}: line {self._section.line_of(row)}, {name}: expected a sure "
             f"decimal sign, got {cell!r}, which may be {other}; export the numbers "
             "without separators of thousands, or with four decimals"
         )
+
+    def _grouped(self, place: int) -> tuple[int, str] | None:
+        """Returns (row, field) of the first number of a column that may have a separator of
+        thousands instead of its decimal sign."""
+        decimal = self._section.dialect.decimal
+        for first, _, text in self._section.texts(self._path):
+            if decimal not in text:
+                continue
+            for row, cell in enumerate(self._cells(place, text), first):
+                if decimal in cell and GROUPED.match(cell):
+                    return row, cell
+        return None
 
     def _cell(self, place: int, row: int) -> str:
         """Returns the field of a row."""

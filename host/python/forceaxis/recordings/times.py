@@ -193,6 +193,10 @@ class Times:
         if time is None:
             if head.grid is None:
                 raise self._no_times(", ".join(source.names()[:12]))
+            if head.grid.doubt:
+                raise self._no_times(
+                    f"{head.grid.text}, where {head.grid.doubt!r} may have a separator of thousands"
+                )
         elif not source.has_sure_times(time):
             name = source.heads[time].name
             if time in self._signals:
@@ -274,7 +278,7 @@ class Times:
         """Notes a step of the times that is another one than that which the source states."""
         grid = self._source.heads[place].grid
         known = time_s[:1000][np.isfinite(time_s[:1000])]
-        if grid is None or len(known) < 3:
+        if grid is None or grid.doubt or len(known) < 3:
             return
         step_s = float(np.median(np.diff(known)))
         if abs(step_s - grid.step_s) > 0.01 * grid.step_s:
