@@ -18,7 +18,7 @@ def test_more_names_than_fields_name_no_columns(tmp_path, form):
     text = table(rows(row), head)
     for name in ("force", "actual", "F"):
         said = refused(tmp_path, text, "--map", f"force={name}:N", "--time", "1:s")
-        assert "(column 1, column 2, column 3)" in said
+        assert f"(column 1, column 2, column 3), got {name}; line 1 has 4 fields, and no" in said
     signal, printed = imported(tmp_path, text, "--map", "force=2:N", "--time", "1:s")
     expect(signal)
     assert "line 1 has 4 fields, and no names of the 3 columns were read from it" in printed

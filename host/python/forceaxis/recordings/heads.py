@@ -70,6 +70,7 @@ class Heads:
     count: tuple[int, Line] | None = None  # number of samples that the header states
     notes: list[str] = field(default_factory=list)
     refused: Line | None = None  # line with more names than the rows have fields
+    unread: str = ""  # why no names were read, or ""
 
 
 def heads_of(section: Section, before: Heads | None) -> Heads:
@@ -174,10 +175,11 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     if names_line is None:
         last = refused or (lines[-1] if lines else None)
         if last is not None and len(last.cells) > 1:
-            found.notes.append(
+            found.unread = (
                 f"line {last.number} has {len(last.cells)} fields, and no names of the {width} "
                 "columns were read from it"
             )
+            found.notes.append(found.unread)
         return found
     found.names, found.units = names_line, units_line
     texts = [*found.names.cells, *[""] * width][:width]

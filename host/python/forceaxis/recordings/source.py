@@ -91,6 +91,7 @@ class Source(abc.ABC):
     heads: Sequence[Head]
     notes: list[str]
     count: int | None = None  # number of samples of a recording that the source states
+    unread: str = ""  # why the columns have no names, or ""
 
     @abc.abstractmethod
     def column(self, place: int) -> SourceColumn:
@@ -129,10 +130,11 @@ class Source(abc.ABC):
             return named[0] if named else number - 1
         known = self.names()
         few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+        hint = self.unread or "write one of these names"
         raise ParameterError(
             parameter,
             f"expected a column of {self.where} ({few or 'none'}), got {text}"
-            f"{suggestion(text, known) or '; write one of these names'}",
+            f"{suggestion(text, known) or f'; {hint}'}",
         )
 
     def _named(self, text: str) -> list[int]:

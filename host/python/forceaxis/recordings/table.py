@@ -85,6 +85,7 @@ class TableSource(Source):
         )  # fmt: skip
         decimal = " with decimal commas" if section.dialect.decimal == "," else ""
         self.kind = found.kind + decimal
+        self.unread = found.unread
         self.notes = [*found.notes, *_notes(section, found)]
         self.count = found.count[0] if found.count is not None else None
 
