@@ -59,6 +59,7 @@ class Section:
     groups: frozenset[int]  # begins of groups of columns that may end before the others
     rows: int = 0
     width: int = 0  # number of fields of the last row
+    widest: int = 0  # largest number of fields of a row, with remarks at its end
     first_line: int = 0
     last_line: int = 0
     last: list[str] = field(default_factory=list)  # fields of the last row
@@ -80,10 +81,15 @@ class Section:
         named = {k for line in self.header[-4:] for k, cell in enumerate(line.cells) if cell}
         #: those of them that have no name
         self.unnamed = [k for k in self.empty if k not in named]
+        last = self.header[-1].cells if self.header else []
+        #: fields of the line of the names, if these are numbers
+        self.counted = last if is_count(last) else None
 
     def is_row(self, cells: Sequence[str]) -> bool:
         """Returns True if a line with these fields is a row of the section."""
         least, most = self.widths
+        if cells == self.counted:
+            return False
         if len(cells) > most or (len(cells) < least and len(cells) not in self.groups):
             return False
         if any(STARTS_NUMBER.match(cell) for cell in cells[least:]) or "" in cells[least:]:
@@ -125,6 +131,7 @@ class Section:
             self.starts.append((self.rows, number))
         self.first_line = self.first_line or number
         self.last_line, self.width, self.last = number, len(cells), cells
+        self.widest = max(self.widest, len(cells))
         self.rows += 1
         if len(self.samples) < KEPT_ROWS:
             self.samples.append(cells)
@@ -193,6 +200,13 @@ def _is_number(text: str, dialect: Dialect) -> bool:
         return True
     value = None if is_missing(text) else dialect.value(text)
     return value is not None
+
+
+def is_count(cells: Sequence[str]) -> bool:
+    """Returns True if the fields of a line are the numbers of the columns, which some programs
+    write instead of names, and nothing above the first column."""
+    numbers = [str(k) for k in range(len(cells))]
+    return len(cells) > 1 and not cells[0] and list(cells[1:]) in (numbers[:-1], numbers[1:])
 
 
 def _is_damaged(cells: Sequence[str], dialect: Dialect) -> bool:
@@ -320,6 +334,8 @@ class _Scan:
         if any(len(line.cells) != width for line in lines):
             return
         table = [line.cells for line in lines]
+        if self._names_by_count(lines, 0):
+            return
         kinds = [kind_of(column, self._dialect) for column in zip(*table, strict=True)]
         if NUMBER not in kinds or not (self._takes_keys or not _are_keys(table, kinds)):
             return
@@ -329,7 +345,8 @@ class _Scan:
         rows = list(self._between)[len(section.header) :]
         if self.sections:
             self._expect_undamaged(self.sections[-1], section.header or rows)
-        if section.header and _is_damaged(section.header[-1].cells, self._dialect):
+        is_damaged = bool(section.header) and section.counted is None
+        if is_damaged and _is_damaged(section.header[-1].cells, self._dialect):
             raise self._damage(section, section.header[-1])
         self.sections.append(section)
         self._between.clear()
@@ -343,7 +360,13 @@ class _Scan:
         most = width
         for _ in range(3):
             section = Section(self._dialect, list(kinds), (width, most), header, groups)
-            first = next((k for k, line in enumerate(lines) if section.is_row(line.cells)), None)
+            first = next(
+                (
+                    k for k, line in enumerate(lines)
+                    if section.is_row(line.cells) and not self._names_by_count(lines, k)
+                ),
+                None,
+            )  # fmt: skip
             header = list(lines[:first])
             if self._dialect.separator == " ":  # the names may have blanks
                 continue
@@ -352,15 +375,27 @@ class _Scan:
             most = max([width, *filled])
         return Section(self._dialect, list(kinds), (width, most), header, groups)
 
+    def _names_by_count(self, lines: Sequence[Line], place: int) -> bool:
+        """Returns True if a line has the numbers of the columns above rows with a number in the
+        first column."""
+        below = lines[place + 1].cells if place + 1 < len(lines) else []
+        return (
+            bool(below)
+            and is_count(lines[place].cells)
+            and len(below) == len(lines[place].cells)
+            and _is_number(below[0], self._dialect)
+        )
+
     def _resume(self, section: Section) -> None:
         """Continues a section below lines that are no rows, or begins another one there, if these
         lines are a header."""
         lines = list(self._between)
         self._between.clear()
-        for line in lines:
+        others = [line for line in lines if line.cells != section.counted]
+        for line in others:
             if section.is_damaged_row(line.cells):
                 raise self._damage(section, line)
-        if len(lines) == 1:
+        if len(lines) == len(others) == 1:
             self._expect_remark(section, lines[0])
         known = {line.text.strip() for line in section.header}
         is_header = any(

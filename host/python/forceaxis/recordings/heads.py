@@ -21,7 +21,9 @@ from forceaxis.recordings.columns import (
     TEXT,
     Line,
     Section,
+    is_count,
 )
+from forceaxis.recordings.dialect import GROUPED, Dialect
 from forceaxis.recordings.source import TIME_NAMES, Grid, Head, time_by_name
 from forceaxis.recordings.units import IN_BRACKETS, factor_of, is_unit, split_name
 
@@ -29,6 +31,10 @@ COMMENT = re.compile(r"^\s*(#|%|//|!)+\s*")
 KEY_MARK = re.compile(r"\s*([:=])\s*")  # between a key and its value
 # A blank before a unit in brackets does not separate columns.
 BLANK_BEFORE_UNIT = re.compile(r"\s+(?=[\[(][^\[\]()\s]*[\])])")
+# A number in a line that may have separators of thousands
+GROUPS = re.compile(
+    r"(?<![\w.,'])[1-9]\d{0,2}(?:[.,']\d{3})+(?:[.,]\d+)?(?!\d|[.,']\d|[eE][-+]?\d)"
+)
 SCOPE = "TwinCAT Scope"
 # Keys of the step of the times, in lower case. Without a unit they are in s only in the files of
 # makers that define it so.
@@ -46,6 +52,8 @@ CHANNEL_NAMES = ("tracename", "name", "channel", "channel name", "signal", "sign
 COUNTS = ("samples", "record length", "points", "blocksize", "number of samples", "anzahl werte")
 TIME_UNITS = ("horizontal units", "horizontal unit")
 KEYS = (*STEPS, *RATES, *BEGINS, *COUNTS, *CHANNEL_UNITS, *TIME_UNITS)
+# Names of a column of remarks at the end of the rows, in which every row may lack it
+REMARKS = ("comment", "comments", "kommentar", "bemerkung", "remark", "remarks")
 # First words of files whose times are in s without saying so: {word in lower case: kind of file}
 TIMES_IN_S = {"lecroy": "LeCroy", "labview measurement": "LabVIEW LVM"}
 
@@ -61,6 +69,8 @@ class Heads:
     units: Line | None = None
     count: tuple[int, Line] | None = None  # number of samples that the header states
     notes: list[str] = field(default_factory=list)
+    refused: Line | None = None  # line with more names than the rows have fields
+    unread: str = ""  # why no names were read, or ""
 
 
 def heads_of(section: Section, before: Heads | None) -> Heads:
@@ -73,7 +83,8 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     width = _width_of(section)
     keys, side = _keys_of(lines), _keys_beside(section)
     found = _keyed_heads(section, keys, width) or _named_heads(section, lines, width)
-    if found.names is None and before is not None and len(before.heads) >= width:
+    has_none = found.names is None and found.refused is None
+    if has_none and before is not None and len(before.heads) >= width:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)
     _add_units(found, keys)
@@ -118,12 +129,26 @@ def _is_wide(line: Line, section: Section, width: int) -> bool:
     known = [cell for cell in cells[:width] if cell]
     if not 2 * len(known) >= min(width, len(section.checked)):
         return False
-    return not all(section.dialect.value(cell) is not None for cell in known)
+    is_number = all(section.dialect.value(cell) is not None for cell in known)
+    return not is_number or line.cells == section.counted
+
+
+def _has_too_many_names(line: Line, section: Section) -> bool:
+    """Returns True if a line has names where the rows have no fields. A separator inside of a name
+    may then have shifted the names behind it. Keys and remarks may stand there."""
+    least = section.widths[0]
+    for place, cell in enumerate(line.cells[least:], least):
+        is_remark = place < section.widest and split_name(cell)[1] is None
+        if cell and not (_is_key(cell) or is_remark or cell.casefold() in REMARKS):
+            return True
+    return False
 
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Returns True if a line has units, and not names, of the columns."""
     known = [cell for cell in cells if cell]
+    if is_count(cells):
+        return False
     units = sum(
         _is_bracketed(cell) or (is_unit(cell) and not IN_BRACKETS.match(cell)) for cell in known
     )
@@ -140,16 +165,21 @@ def _named_heads(section: Section, lines: Sequence[Line], width: int) -> Heads:
     if not wide and lines:
         _expect_decimal_points(section, lines[-1], width)
     names_line, units_line = _lines_of(section, wide, width)
+    refused = None
+    if names_line is not None and _has_too_many_names(names_line, section):
+        refused, names_line, units_line = names_line, None, None
     if names_line is not None:  # columns without any field that have a name
         names = names_line.cells[: section.width]
         width = max(width, *(k + 1 for k, cell in enumerate(names) if cell and not _is_key(cell)))
-    found = Heads([Head(f"column {place + 1}") for place in range(width)])
+    found = Heads([Head(f"column {place + 1}") for place in range(width)], refused=refused)
     if names_line is None:
-        if lines and len(lines[-1].cells) > 1:
-            found.notes.append(
-                f"line {lines[-1].number} has {len(lines[-1].cells)} fields, and no names of the "
-                f"{width} columns were read from it"
+        last = refused or (lines[-1] if lines else None)
+        if last is not None and len(last.cells) > 1:
+            found.unread = (
+                f"line {last.number} has {len(last.cells)} fields, and no names of the {width} "
+                "columns were read from it"
             )
+            found.notes.append(found.unread)
         return found
     found.names, found.units = names_line, units_line
     texts = [*found.names.cells, *[""] * width][:width]
@@ -218,7 +248,8 @@ def _keyed_heads(
 
 def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, Line] | None:
     key = next((k for k in COUNTS if k in keys and keys[k][1]), None)
-    count = _number(keys[key][1][0].rpartition(":")[2]) if key else None
+    text = keys[key][1][0].rpartition(":")[2].strip() if key else ""
+    count = None if GROUPED.match(text) else _number(text)
     return (round(count), keys[key][0]) if key and count and 1 < count < 1e12 else None
 
 
@@ -389,6 +420,23 @@ def _number(text: str) -> float | None:
         return None
 
 
+def _doubtful_number(
+    line: Line, key: str, values: Sequence[str], dialect: Dialect, is_sure: bool
+) -> str:
+    """Returns a number behind a key that may have a separator of thousands, or "". `is_sure`:
+    whether the rows show that the decimal sign of the dialect is one."""
+    at = line.text.casefold().find(key)
+    texts = values if at < 0 else [line.text[at + len(key) :].lstrip(' ,;:=|"\t')]
+    if at >= 0 and dialect.separator == "," and len({value for value in values if value}) == 1:
+        texts = values  # the same number for each channel
+    for found in (found for text in texts for found in GROUPS.finditer(text)):
+        number = found[0]
+        is_decimal = number.count(dialect.decimal) == 1 and dialect.separator != dialect.decimal
+        if not (is_sure and is_decimal and re.fullmatch(r"\d+.\d{3}", number)):
+            return number
+    return ""
+
+
 def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, list[str]]]) -> None:
     """Adds the times that the header states by begin and step, for each column of numbers."""
     key = next((k for k in (*STEPS, *RATES) if k in keys and keys[k][1]), None)
@@ -398,13 +446,21 @@ def _add_grids(found: Heads, section: Section, keys: Mapping[str, tuple[Line, li
     begin_key = next((k for k in BEGINS if k in keys), None)
     begins = keys[begin_key][1] if begin_key else []
     counter = next((k for k, head in enumerate(found.heads) if _counts(head)), None)
+    dialect = section.dialect
+    is_sure = any(dialect.has_sure_decimals(cell) for row in section.samples for cell in row)
+    doubt = _doubtful_number(line, key, steps, dialect, is_sure)
+    numbers = [one for one in begins if _number(one.strip().replace(",", ".")) is not None]
+    doubt = doubt or _doubtful_number(line._replace(text=""), key, numbers, dialect, is_sure)
     for place, head in enumerate(found.heads):
         # The fields behind a key stand above their columns if there are several of them.
         own = place - 1 if len([s for s in steps if s]) > 1 else 0
         step_s = _seconds(steps[own], key) if 0 <= own < len(steps) else None
         begin = begins[own] if 0 <= own < len(begins) else ""
         begin_s = _number(begin.strip().replace(",", "."))
-        if step_s and step_s > 0 and section.kinds[place] in (NUMBER, EMPTY, TEXT):
+        if doubt:
+            text = f"the {key} of line {line.number}"
+            found.heads[place] = replace(head, grid=Grid(0.0, 1.0, text, doubt=doubt))
+        elif step_s and step_s > 0 and section.kinds[place] in (NUMBER, EMPTY, TEXT):
             text = f"{key} {steps[own]} of line {line.number}"
             found.heads[place] = replace(head, grid=Grid(begin_s or 0.0, step_s, text, counter))
 

@@ -179,7 +179,7 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
     delays = {name: _delay_s(name, text, names) for name, text in request.delay.items()}
     zeros = {name: _stretch_of(name, text, names) for name, text in request.zero.items()}
     notes: list[str] = []
-    times = Times(source, request, notes)
+    times = Times(source, request, notes, {one.place for one in maps})
     columns = [source.column(one.place) for one in maps]
     units = [_unit_of(*pair, source, notes) for pair in zip(maps, columns, strict=True)]
     parts = times.parts([one.place for one in maps], len(columns[0].values))
@@ -190,7 +190,7 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
         if len(parts) > 1:
             own.append(
                 f"recording {number} of {len(parts)}, which begin again in one section: "
-                f"{columns[0].place(part.start)} to {columns[0].place(part.stop - 1)}"
+                f"{columns[0].stretch(part)}"
             )
         signals: list[RecordedSignal] = []
         for one, column, unit in zip(maps, columns, units, strict=True):

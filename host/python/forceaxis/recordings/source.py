@@ -43,6 +43,7 @@ class Grid:
     step_s: float
     text: str  # where the source states them, such as "Increment 0.001 of line 2"
     counter: int | None = None  # place of a column that counts the steps; None: each row is one
+    doubt: str = ""  # number of `text` that may have a separator of thousands
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,12 @@ class SourceColumn:
             return f"line {self.lines[sample]}, {self.name}"
         return f"{self.name}, sample {sample}"
 
+    def stretch(self, part: slice) -> str:
+        """Returns the place of successive samples as text for messages, such as "lines 2 to 21"."""
+        if len(self.lines):
+            return f"lines {self.lines[part.start]} to {self.lines[part.stop - 1]}"
+        return f"{self.name}, samples {part.start} to {part.stop - 1}"
+
 
 class Source(abc.ABC):
     """A file, or a section of a file, that is read as a source of recordings. `where`: name of the
@@ -84,6 +91,7 @@ class Source(abc.ABC):
     heads: Sequence[Head]
     notes: list[str]
     count: int | None = None  # number of samples of a recording that the source states
+    unread: str = ""  # why the columns have no names, or ""
 
     @abc.abstractmethod
     def column(self, place: int) -> SourceColumn:
@@ -122,10 +130,11 @@ class Source(abc.ABC):
             return named[0] if named else number - 1
         known = self.names()
         few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
+        hint = self.unread or "write one of these names"
         raise ParameterError(
             parameter,
             f"expected a column of {self.where} ({few or 'none'}), got {text}"
-            f"{suggestion(text, known) or '; write one of these names'}",
+            f"{suggestion(text, known) or f'; {hint}'}",
         )
 
     def _named(self, text: str) -> list[int]:
@@ -145,6 +154,10 @@ class Source(abc.ABC):
     def time_place(self) -> int | None:
         """Returns the place of the column with the times, or None if no column has such a name."""
         return time_by_name(self.names())
+
+    def has_sure_times(self, place: int) -> bool:
+        """Returns True if a column of times was not found by its unit or its texts alone."""
+        return True
 
 
 def time_by_name(names: Sequence[str]) -> int | None:

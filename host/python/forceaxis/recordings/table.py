@@ -28,7 +28,13 @@ from forceaxis.recordings.columns import (
 )
 from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_of, is_missing
 from forceaxis.recordings.signal_recording import Floats
-from forceaxis.recordings.source import Head, Source, SourceColumn, expect_finite
+from forceaxis.recordings.source import (
+    Head,
+    Source,
+    SourceColumn,
+    expect_finite,
+    time_by_name,
+)
 from forceaxis.words import counted
 
 SHOWN = 40  # largest number of characters that a message shows of a text that is not a number
@@ -79,6 +85,7 @@ class TableSource(Source):
         )  # fmt: skip
         decimal = " with decimal commas" if section.dialect.decimal == "," else ""
         self.kind = found.kind + decimal
+        self.unread = found.unread
         self.notes = [*found.notes, *_notes(section, found)]
         self.count = found.count[0] if found.count is not None else None
 
@@ -92,6 +99,9 @@ class TableSource(Source):
 
     def time_place(self) -> int | None:
         return heads.time_place_of(self._section, self.heads)
+
+    def has_sure_times(self, place: int) -> bool:
+        return time_by_name([self.heads[place].name]) is not None
 
     def column(self, place: int) -> SourceColumn:
         self._expect_columns()
@@ -147,21 +157,33 @@ class TableSource(Source):
         if any(self._section.dialect.has_sure_decimals(cell) for row in rows for cell in row):
             return
         broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
-        if not len(broken):
+        at = int(broken[0]) if len(broken) else None
+        found = (at, self._cell(place, at)) if at is not None else self._grouped(place)
+        if found is None or not GROUPED.match(found[1]):
             return
-        cell, name = self._cell(place, int(broken[0])), self.heads[place].name
-        if not GROUPED.match(cell):
-            return
+        (row, cell), name = found, self.heads[place].name
         other = cell.replace(".", "").replace(",", "")
-        cells = [row[place] for row in rows if place < len(row) and not is_missing(row[place])]
-        if all(self._section.dialect.decimal in one for one in cells):
+        cells = [one[place] for one in rows if place < len(one) and not is_missing(one[place])]
+        if len(broken) and all(self._section.dialect.decimal in one for one in cells):
             self._note(f"{name}: {cell} was read with three decimals, and not as {other}")
             return
         raise InputError(
-            f"{self.where}: line {self._section.line_of(int(broken[0]))}, {name}: expected a sure "
+            f"{self.where}: line {self._section.line_of(row)}, {name}: expected a sure "
             f"decimal sign, got {cell!r}, which may be {other}; export the numbers "
             "without separators of thousands, or with four decimals"
         )
+
+    def _grouped(self, place: int) -> tuple[int, str] | None:
+        """Returns (row, field) of the first number of a column that may have a separator of
+        thousands instead of its decimal sign."""
+        decimal = self._section.dialect.decimal
+        for first, _, text in self._section.texts(self._path):
+            if decimal not in text:
+                continue
+            for row, cell in enumerate(self._cells(place, text), first):
+                if decimal in cell and GROUPED.match(cell):
+                    return row, cell
+        return None
 
     def _cell(self, place: int, row: int) -> str:
         """Returns the field of a row."""

@@ -5,7 +5,7 @@ refused, because nobody knows the times between them.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
@@ -58,10 +58,14 @@ class _Stamps:
 
 class Times:
     """The times in s at which the samples of a source were taken. `notes`: receives what a user has
-    to know about them."""
+    to know about them. `signals`: places of the columns that are signals."""
 
-    def __init__(self, source: Source, request: TimesRequest, notes: list[str]) -> None:
+    def __init__(
+        self, source: Source, request: TimesRequest, notes: list[str],
+        signals: Collection[int] = (),
+    ) -> None:  # fmt: skip
         self._source, self._request, self._notes = source, request, notes
+        self._signals = signals
         self._known: dict[int, _Stamps] = {}
         self.used: set[int] = set()
         self.origin_s = 0.0
@@ -183,16 +187,32 @@ class Times:
         if self._request.rate is not None:
             return None
         head = source.heads[place]
-        for time in (self._wanted()[0], head.time):
-            if time is not None:
-                return time
-        time = source.time_place()
-        if time is None and head.grid is None:
-            raise InputError(
-                f"{source.where}: expected a column of times, got {', '.join(source.names()[:12])};"
-                " write `time` COLUMN:UNIT, or `rate` HZ for samples at a constant rate"
-            )
+        if (wanted := self._wanted()[0]) is not None:
+            return wanted
+        time = head.time if head.time is not None else source.time_place()
+        if time is None:
+            if head.grid is None:
+                raise self._no_times(", ".join(source.names()[:12]))
+            if head.grid.doubt:
+                raise self._no_times(
+                    f"{head.grid.text}, where {head.grid.doubt!r} may have a separator of thousands"
+                )
+        elif not source.has_sure_times(time):
+            name = source.heads[time].name
+            if time in self._signals:
+                raise self._no_times(f"{name}, which is a signal here")
+            if head.time is None:
+                self._note(
+                    f"the times are those of {name}, column {time + 1}, which was not found by its "
+                    "name; `time` chooses another one"
+                )
         return time
+
+    def _no_times(self, got: str) -> InputError:
+        return InputError(
+            f"{self._source.where}: expected a column of times, got {got}; write `time` "
+            "COLUMN:UNIT, or `rate` HZ for samples at a constant rate"
+        )
 
     def _wanted(self) -> tuple[int | None, str | None]:
         """Returns the (column, unit) of the times that the request of the user names."""
@@ -258,7 +278,7 @@ class Times:
         """Notes a step of the times that is another one than that which the source states."""
         grid = self._source.heads[place].grid
         known = time_s[:1000][np.isfinite(time_s[:1000])]
-        if grid is None or len(known) < 3:
+        if grid is None or grid.doubt or len(known) < 3:
             return
         step_s = float(np.median(np.diff(known)))
         if abs(step_s - grid.step_s) > 0.01 * grid.step_s:

@@ -1,6 +1,7 @@
 """Units of the columns of a source of recordings: their size in SI units, and the unit at the end
 of a column name."""
 
+import math
 import re
 from typing import NamedTuple
 
@@ -67,6 +68,9 @@ INSIDE = re.compile(r"^(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]+)[\])]\s*(?P<rest
 EXPLAINED = re.compile(r"^(?P<unit>[^\[\]()]+?)\s*[\[(][^\[\]()]*[\])]$")  # such as N (Newton)
 # A unit behind its name, such as "C1 in V", "Kraft / kN" or "Force, N"
 BEHIND = re.compile(r"^(?P<name>.*?)(?:\s*[,/]\s*|(?:^|\s+)in\s+)(?P<unit>[^\s,]+)$")
+NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?=\s*[A-Za-z])")  # in front of a unit
+# Largest magnitude of the size of a unit and of an offset, and the inverse of the smallest size.
+LARGEST = 1e100
 # An offset behind a unit, such as N-250
 OFFSET = re.compile(r"^(?P<unit>.*[^\d.eE^+-])(?P<offset>[-+]\d+(\.\d*)?([eE][-+]?\d+)?)$")
 # Units that a column name may have at its end, after "_".
@@ -102,12 +106,14 @@ def factor_of(unit: str, wanted: str) -> float | None:
     if wanted in ("1", "count") and unit.strip() in (*NO_UNIT, "count"):
         return 1.0
     text = plain(unit)
-    number = re.match(r"[\d.]+(?:[eE][-+]?\d+)?(?=\s*[A-Za-z])", text)
+    number = NUMBER.match(text)
     size, measured = CUSTOMARY.get(text[number.end() :].strip() if number else text, (0.0, ""))
+    found: float | None
     if measured:
-        return size * float(number[0] if number else 1) if measured == wanted else None
-    found = _core.quantity_in(text if text[:1].isdigit() else f"1 {text}", wanted)
-    return found if found and found > 0 else None
+        found = size * float(number[0] if number else 1) if measured == wanted else None
+    else:
+        found = _core.quantity_in(text if text[:1].isdigit() else f"1 {text}", wanted)
+    return found if found and 1 / LARGEST <= found <= LARGEST else None
 
 
 def si_unit_of(unit: str) -> tuple[str, float] | None:
@@ -129,7 +135,8 @@ def is_unit(text: str) -> bool:
 def unit_text_of(text: str) -> UnitText:
     """Splits what a user has written as a unit, such as "N-250", into unit and offset."""
     found = None if is_unit(text) else OFFSET.match(text)
-    return UnitText(found["unit"], float(found["offset"])) if found else UnitText(text)
+    offset = float(found["offset"]) if found else math.inf
+    return UnitText(found["unit"], offset) if found and abs(offset) <= LARGEST else UnitText(text)
 
 
 def hint_of(unit: str, wanted: str) -> str:
