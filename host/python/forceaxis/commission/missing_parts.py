@@ -276,12 +276,14 @@ def _ranked(
         if starts:
             begun.append(min(starts, key=lambda one: one.cost))
     begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
-    most = begun[0].tried(before).gain if begun else 0.0
+    # A fit that began as a whole has had more evaluations: it takes no place of the others.
+    plain = [one for one in begun if not one.candidate.whole]
+    least = REFINED_SHARE * plain[0].tried(before).gain if plain else 0.0
     tried = [
         _refined(one, EVALUATIONS_MAX).tried(before)
-        if i < REFINED_MIN or one.tried(before).gain > REFINED_SHARE * most
+        if one.tried(before).gain > least or any(one is other for other in plain[:REFINED_MIN])
         else one.tried(before)
-        for i, one in enumerate(begun)
+        for one in begun
     ]
     shown = [fit.candidate.is_shown(one.values) for fit, one in zip(begun, tried, strict=True)]
     return sorted((one for one, is_shown in zip(tried, shown, strict=True) if is_shown),
