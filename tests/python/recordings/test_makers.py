@@ -83,7 +83,8 @@ def test_the_table_of_each_maker_is_imported_by_the_first_command(tmp_path, make
 
 def test_changed_tables_give_their_samples_or_say_what_is_different(tmp_path):
     count, kinds = int(os.environ.get("FORCEAXIS_TABLES", TABLES)), collections.Counter()
-    begin = draws.number("tables", 10**6)
+    # The gate reads the same tables for each commit; a run that asks for more draws its own.
+    begin = draws.number("tables", 10**6) if "FORCEAXIS_TABLES" in os.environ else 0
     for seed in range(begin, begin + count):
         layout, known, changes = makers.drawn(seed)
         found = imported(layout, tmp_path / "table.csv")
