@@ -1,8 +1,8 @@
 """`forceaxis tune` is killed in its steps, over a virtual CAN bus in real time. Then the axis is
 disabled, nothing is half-written, and the same command goes on. The session: tune_session.py.
 
-It is killed in two of the three steps in which it moves the axis and in one other, drawn by the
-commit; with FORCEAXIS_WHOLE=1 in every step.
+The commit draws the steps of a run: two of the three in which the command moves the axis, and one
+other step. With FORCEAXIS_WHOLE=1, it is killed in every step.
 """
 
 import json

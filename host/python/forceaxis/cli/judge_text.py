@@ -79,7 +79,8 @@ def drift_rows(drift: Drift) -> Rows:
 
 
 def change_rows(drift: Drift, names: list[str]) -> Rows:
-    """Return the rows (key, text) that name the parts from which on an element has changed."""
+    """Return a row (key, text) for each element that has changed: it names the part at which the
+    change began, and the part at which it was found."""
     return [
         (
             "warning",
@@ -92,8 +93,8 @@ def change_rows(drift: Drift, names: list[str]) -> Rows:
 
 
 def order_rows(files: list[str]) -> Rows:
-    """Return a row (key, text) about numbered files that are in the order of their letters, such as
-    10.npz before 2.npz. A shell gives them so."""
+    """Return a row (key, text) about numbered files that are in alphabetical order, such as 10.npz
+    before 2.npz. A shell gives them in this order."""
     if files != sorted(files):
         return []
     for one, after in pairwise(files):

@@ -96,7 +96,7 @@ class FittedAxis:
         return bench
 
 
-def firmware_of(tuning: TuningFolder, checked: Checked, values: Values | None = None) -> Settings:
+def firmware_of(tuning: TuningFolder, checked: Checked, values: Values | None) -> Settings:
     """Returns the settings of the firmware for a simulation of the axis with the fitted `values`,
     as {object: engineering value}. The weight of the simulated axis is held as the axis holds its
     own: the measured `output_bias` holds a weight that differs from that of the fit."""

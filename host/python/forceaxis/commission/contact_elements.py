@@ -236,7 +236,7 @@ def without_unused(text: str, path: Path) -> str:
             linear.facts(str(path))
             break
         except InputError as error:
-            # Of several such parameters, the error names one, in an order of its own.
+            # If several parameters are unused, the error names only one of them.
             said = str(error)
         unused = [name for name in parameters if f" parameters.{name}: " in said]
         for name in unused:

@@ -606,7 +606,8 @@ def _evaluated(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     ranges = plant_set.ranges_of(problem.model, over, best)
     shown = _shown(problem, lines, ranges)
-    # The changes between the forces are added to the ranges below, and not a second time here.
+    # The covariance without the changes between the forces, which widen the ranges below by
+    # themselves.
     left_open = _left_open(problem, x, covariance, ranges)
     shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:

@@ -1088,9 +1088,9 @@ class Tuning(TuningFolder):
         return self.summary()
 
     def _run_steps(self, only: str | None) -> None:
-        """Runs one step or all. If a step needs other responses, they are measured again, once for
-        each step. If the Ms of the verified law is larger than predicted, the law is designed
-        again, once."""
+        """Runs one step or all. A step may raise MeasureAgain: then the responses are measured
+        again, once for each reason. `verify` may raise DesignAgain: then the law is designed again,
+        once."""
         left, before = list((only,) if only else STEPS), set[str]()
         larger: DesignAgain | None = None  # why the law is designed again
         while left:

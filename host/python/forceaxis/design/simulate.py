@@ -315,7 +315,7 @@ class ContactBench:
         if not lost or not self.frictions:
             return False
         _, codes = self._pushes(contact, bank)
-        return codes < self.press_speed_code(0.0)
+        return 0.0 < codes < self.press_speed_code(0.0)
 
     def _check_forces(self, counts: float) -> None:
         """Raises InputError for a requested force that the sensor cannot measure or that the drive

@@ -318,7 +318,7 @@ class TableSource(Source):
 
 
 def _is_exact(values: Floats) -> bool:
-    """Returns True if numbers have enough digits to tell successive ones from each other."""
+    """Returns True if the rounding of floating-point numbers is small against their median step."""
     known = values[:10_000][np.isfinite(values[:10_000])]
     if len(known) < 2:
         return True
