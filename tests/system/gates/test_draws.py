@@ -51,6 +51,17 @@ def test_other_names_and_commits_draw_other_numbers(by):
     assert len(numbers | {draws.number(name, 2**32) for name in CASES}) == 2 * len(CASES)
 
 
+def test_a_module_that_holds_a_promise_is_never_left_to_later_commits(by):
+    modules = {case: case in "ab" for case in CASES}
+    left = set()
+    for number in range(40):
+        by(str(number))
+        one = draws.left_out(modules)
+        assert len(one) == 3  # of six
+        left |= one
+    assert left == {*CASES} - {*"ab"}
+
+
 def test_without_a_word_it_is_the_commit(by, monkeypatch):
     monkeypatch.delenv("FORCEAXIS_DRAW", raising=False)
     draws.word.cache_clear()
