@@ -19,6 +19,9 @@ constexpr std::size_t kMostTested = 128;
 // Largest number of grid parts; a word of 64 bits has one bit for each part.
 constexpr std::size_t kMostGrid = 64;
 constexpr std::size_t kMostTickParts = 1 << 20;
+// Highest order of the Taylor series with kMostGrid parts. More parts do not fit into one word, so
+// each of their ticks takes several searches, which cost more than some more terms.
+constexpr int kHighestInGrid = 18;
 // Upper bound of the relative rounding error of a sum of products.
 constexpr double kRounding = 0x1p-46;
 
@@ -192,7 +195,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   const Influence scale = influence(a);
   BoundMatrix growth;  // upper bound of e^{|A| T / parts}
   int order = 0;
-  while ((order = absolute_series(a, parts, scale, kTruncation, kHighestOrder, &growth)) == 0) {
+  const auto highest = [&] { return parts == kMostGrid ? kHighestInGrid : kHighestOrder; };
+  while ((order = absolute_series(a, parts, scale, kTruncation, highest(), &growth)) == 0) {
     parts *= 2;
     if (parts > kMostTickParts) fail_too_fast(model.file, network.fastest(equations));
   }

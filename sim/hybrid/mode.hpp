@@ -67,8 +67,10 @@ struct SimulationError : std::runtime_error {
 /// not relative to the entries of the flow. For example, only one body of a chain moves, and the
 /// motion of a body ten springs away is 1e-30 of this motion. The small motion is not computed
 /// correctly, because this would need a smaller `reach`. So `reach` depends on the fastest rate and
-/// not on the number of states. Up to a rate of about 1 per tick, `reach` is 1/8. For faster rates,
-/// `reach` is the power of two at which rate times reach is 1/16 to 1/4.
+/// not on the number of states. Many coupled states need a term more for each 15 states; a grid of
+/// 64 parts takes such terms, because a finer grid does not fit into one search. Up to a rate of
+/// about 1 per tick, `reach` is 1/8. For faster rates, `reach` is the power of two at which rate
+/// times reach is 1/16 to 1/4.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;

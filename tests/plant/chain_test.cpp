@@ -106,6 +106,22 @@ TEST_P(SpringChain, IsCutAsFineAsItsDynamicsAsks) {
 
 INSTANTIATE_TEST_SUITE_P(All, SpringChain, testing::Values(3, 8, 16, 32));
 
+// A grid with more parts than kMostGrid costs several searches in each tick, so that a simulation
+// with a few more bodies would take ten times as long.
+TEST(SpringChainAlone, TheGridOfADriveCoversATickWhateverTheNumberOfBodies) {
+  // The current loop of the laboratory's amplifier has 2000 Hz.
+  std::string drive = motor_drive("b0");
+  drive.replace(drive.find("k_amp = 15"), 10, "k_amp = 582");
+  for (const int n : {1, 8, 20, 32}) {
+    std::string text;
+    for (int i = 0; i < n; ++i) text += body(i, 0.0, 0.0);
+    ModeCache cache(make_model(text + springs(n, 2e5, 100.0) + drive));
+    const Mode &mode = cache.mode(cache.network().analysed_key());
+    EXPECT_EQ(mode.reach, 1.0 / 64) << n;
+    EXPECT_EQ(mode.grid, 64U) << n;
+  }
+}
+
 TEST(SpringChainAlone, WhatIsFarAwayStirsAsItsSeriesSays) {
   // The last of 8 bodies starts at 1 m/s; after t body 8 - d has moved by (k/m)^d t^(2d+1)/(2d+1)!
   // times 1 + O(k t^2).
