@@ -84,7 +84,7 @@ def expect_the_law_to_hold(folder):
 @pytest.mark.long
 def test_several_axes_are_listed_recorded_and_set_alike(tmp_path, vcan):
     printed = typed(guide.PAGES / "several_axes.md", tmp_path, vcan, 120)
-    assert len(printed) == 9
+    assert len(printed) == 10
     rows = re.findall(r"^ *(\d+) ", printed["forceaxis axis list"], re.MULTILINE)
     assert rows == ["1", "2"]
     assert "tare" in printed["forceaxis axis get"]
@@ -92,3 +92,6 @@ def test_several_axes_are_listed_recorded_and_set_alike(tmp_path, vcan):
     assert "position_gain" in (tmp_path / "axis.toml").read_text()
     assert (tmp_path / "axis.bin.2").stat().st_size > 0
     assert printed["forceaxis axis params diff axis.toml"].strip() == ""
+    stops = [line.partition(": ") for line in printed["forceaxis axis stop"].splitlines()]
+    assert sorted(where for where, _, _ in stops) == ["lcm:2", "vcan0:1"]
+    assert all(text.startswith("stopped: switch on disabled") for _, _, text in stops)
