@@ -159,11 +159,11 @@ class Stepper {
     ModeKey key = 0;
     const Mode *mode = nullptr;
     const EnergyForms *forms = nullptr;  // quadratic forms of the energies; nullptr: not requested
-    int parts = 0;  // number of parts of the time grid in which energies were added without the
+    int parts = 0;  // number of intervals of the time grid whose energies were computed without the
                     // matrices `forms`
   };
   std::vector<Recent> recent_;
-  Recent *current_ = nullptr;  // the entry of recent_ for the present mode
+  Recent *current_ = nullptr;  // element of `recent_` for the present mode of the plant
 };
 
 }  // namespace forceaxis::sim

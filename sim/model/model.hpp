@@ -152,7 +152,7 @@ struct Model {
   /// no switches.
   Boxed<Switches> switches;
   std::array<Boxed<Adc>, 2> adc;
-  Boxed<Dac> dac;  ///< always has a value
+  Boxed<Dac> dac;  ///< the digital-to-analog converter; never empty
 
   /// Returns all signals of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;
