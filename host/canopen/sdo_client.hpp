@@ -63,7 +63,8 @@ class SdoClient {
   Frame abort(std::uint32_t code);
   std::optional<Frame> begin_upload(const Frame &answer);
   std::optional<Frame> second_answer(const Frame &answer);
-  bool has_address(const Frame &answer) const;  // true: index and sub-index are right
+  bool has_address(const Frame &answer) const;  // returns true if the answer has the index and
+                                                // sub-index of the request
   static std::optional<std::uint32_t> announced_size(const Frame &answer);
   std::optional<Frame> upload_segment(const Frame &answer);
 

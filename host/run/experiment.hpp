@@ -122,7 +122,8 @@ struct Action {
 
 // The contacts that must stay closed, from the key contact_held.
 struct HeldContacts {
-  std::vector<std::string> names;  // empty: every contact of the model
+  // names of the contacts; an empty list: all contacts of the model
+  std::vector<std::string> names;
 };
 
 // The limits of the verdict (verdict.hpp). A limit applies to the time window of the verdict, which
@@ -312,8 +313,10 @@ struct Experiment {
   std::string title;
   std::string figure;
   std::string shows;
-  std::string model_file;  // as in the file: relative to the folder of the experiment
-  std::string cycle_file;  // as in the file; empty if the experiment has no program
+  std::string model_file;  // path of the model as the experiment file gives it, relative to the
+                           // folder of that file
+  std::string cycle_file;  // path of the cycle program as the experiment file gives it; empty
+                           // without a program
   std::vector<sim::Override> set;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;  // cache of the matrices of modes, which all plants of the

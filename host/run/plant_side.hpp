@@ -175,7 +175,7 @@ class PlantSide {
   std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
-  double position_sum_ = 0.0;  // of the encoder counts in the window
+  double position_sum_ = 0.0;  // sum of the encoder counts in the time window of the verdict
   Metrics metrics_;
   TraceHash hash_;
 };

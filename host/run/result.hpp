@@ -209,7 +209,8 @@ struct RunResult {
   std::string verdict;               // verdict of evaluate(); "" if the experiment has no criterion
   std::vector<Missed> missed;        // limits of the verdict that the run exceeds, found by
                                      // evaluate()
-  std::optional<CycleResult> cycle;  // result of the last press cycle; empty without a program
+  std::optional<CycleResult> cycle;  // result of the last press cycle; empty if the experiment has
+                                     // no cycle program
 };
 
 }  // namespace forceaxis::host
