@@ -126,7 +126,9 @@ def fraction(text: str) -> float | None:
 
 
 def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return the fraction of --propose as a number. Raises InputError."""
+    """Return the value of the option --propose, the fraction of good parts to refuse, as a number.
+    Raises InputError.
+    """
     if text is None:
         return None
     value = fraction(text)
@@ -140,7 +142,9 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
 def _false_alarms(
     context: click.Context, option: click.Parameter, text: str | None
 ) -> float | None:
-    """Return the share of --false-alarms as a number. Raises InputError."""
+    """Return the value of the option --false-alarms, a share of series of parts, as a number.
+    Raises InputError.
+    """
     found = None if text is None else fraction(text)
     if text is not None and found is None:
         raise InputError(f"--false-alarms: {text}: expected a share of series, such as 1% or 0.01")

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 
 
 def size(name: str, text: str | None, unit: str) -> float | None:
-    """Return the size of a count, or a force, in the SI unit `unit`. Raises ParameterError."""
+    """Convert the text of an option, such as "1um" or "5mN", to a number in the SI unit `unit`.
+    Raises ParameterError if the text is no quantity above 0 with such a unit.
+    """
     if text is None:
         return None
     value = _core.quantity_in(text, unit)
@@ -60,7 +62,9 @@ def range_of(name: str, text: str | None, unit: str) -> tuple[float, float] | No
 
 
 def counts_of(travel: str | None, force: str | None, contact: str | None) -> Counts | None:
-    """Return the counts that the options state, or None without these options."""
+    """Return the sizes of one count of travel and one count of force that the user has given by
+    options. Return None if the user has given none of these options.
+    """
     from forceaxis.cycles.judge import Counts
 
     travel_m, force_N = size("travel_count", travel, "m"), size("force_count", force, "N")
@@ -91,7 +95,8 @@ def read_curve(
     if len(found) > 1:
         raise InputError(
             f"{paths.display(file)}: expected the curve of one part, got {len(found)} sections; "
-            "`forceaxis recording import` writes a recording of each, which this command takes"
+            "import this file with `forceaxis recording import`, and give one of the recordings "
+            "that it writes"
         )
     command = click.get_current_context().command
     return replace(found[0], notes=tuple(options_in(command, note) for note in found[0].notes))
@@ -191,8 +196,9 @@ def judge(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Evaluate parts from recorded curves of any press, with the elements of a program. The code of
-    the firmware does it, in counts.
+    """Evaluate recorded curves of force over travel, of any press, by the evaluation elements of a
+    cycle program. Each curve is converted to counts, and the code of the firmware computes the
+    verdict.
 
     PROGRAM is an experiment, whose axis has the counts, or the file of a program alone, which needs
     --travel-count and --force-count. CURVE is the recording of one part, with the signals force and

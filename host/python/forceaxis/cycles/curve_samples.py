@@ -254,7 +254,7 @@ def curve_of(
         raise InputError(
             f"{where}: position: expected a motion of at most {POSITION_MOST} counts, which are "
             f"{POSITION_MOST / judge.counts_per_m:g} m, got more; check the unit of the position, "
-            "or take a larger count of travel"
+            "or give a larger length of one count of travel"
         )
     # A period without a sample has the values of the sample before, as an old sample of the axis.
     # The phases have samples of their own.
@@ -321,8 +321,9 @@ def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> I
     wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 255))
     if len(wrong):
         raise InputError(
-            f"{where}: {name}: expected whole numbers of phases, got {values[wrong[0]]:g} at "
-            f"{at_s[wrong[0]]:.6g} s; map the column with the numbers of the phases"
+            f"{where}: {name}: expected the number of a phase, an integer, got "
+            f"{values[wrong[0]]:g} at {at_s[wrong[0]]:.6g} s; map the column with the numbers of "
+            "the phases"
         )
     return np.asarray(values.astype(np.int64))
 

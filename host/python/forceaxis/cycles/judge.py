@@ -124,15 +124,15 @@ class JudgePress:
                 raise InputError(
                     f"{where}: {signal.name}: expected {quantity(wanted, signal.unit)} for a count "
                     f"of {signal.column}, as in the experiment, got "
-                    f"{quantity(signal.factor, signal.unit)}; import it with this size, or give "
-                    "the experiment of this axis"
+                    f"{quantity(signal.factor, signal.unit)}; import this signal with the size of "
+                    "the experiment, or give the experiment of this axis"
                 )
             offsets = [name for name in OFFSETS if known["firmware"].get(name)]
             if signal.name == "force" and offsets:
                 raise InputError(
                     f"{where}: force: expected the measured force, got the codes of "
-                    f"{signal.column}, which do not have the {' and '.join(offsets)} of the "
-                    "experiment; import a column of the force itself"
+                    f"{signal.column}, from which {' and '.join(offsets)} of the experiment are "
+                    "not subtracted; import a column with the measured force"
                 )
 
     def ranges_of(self, recording: SignalRecording) -> Ranges:
@@ -276,8 +276,8 @@ def _judge_of(press: JudgePress, rate_hz: float, where: str) -> "_core.CurveJudg
     except InputError as error:
         press.read(press.file, _core.TICKS_PER_SECOND)
         raise InputError(
-            f"{where}: expected a curve with the samples that the program needs, got {rate_hz:g} "
-            f"samples per second; check the unit of its times ({error})"
+            f"{where}: expected a curve whose sampling rate is permitted for the program, got "
+            f"{rate_hz:g} samples per second; check the unit of its times ({error})"
         ) from None
 
 
