@@ -384,8 +384,8 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
 
 
 def warn_of_power_up(axis: Axis) -> None:
-    """Print a warning if a simulated axis loses values at its next power-up, even if they are
-    stored: the values in the table [firmware] of its experiment then replace them."""
+    """Print a warning if the axis loses values at its next power-up although they may be stored:
+    the table [firmware] of an experiment is applied after the store."""
     lost = axis.link.set_at_power_up()
     if not lost:
         return

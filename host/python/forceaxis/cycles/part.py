@@ -24,7 +24,7 @@ from forceaxis.experiments.summary import CYCLE_OUTCOMES
 # Objects of the firmware that a simulation must trace, because timeline() needs their values.
 TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
 RUNNING = 1  # value of the object cycle_state while a cycle runs
-# tolerance, in N or m, for rounding errors of a level that the file states with decimals
+# rounding error, in N or m, that is permitted when a value is compared with a level of the file
 SLACK = 1e-9
 # verdicts of an evaluation element that has found no value
 NOTHING_FOUND = ("none", "not reached", "aborted")
