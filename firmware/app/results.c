@@ -207,7 +207,7 @@ void results_show_store(fw_t *fw) {
 }
 
 static void count_part(results_counts_t *counts, uint8_t verdict) {
-  /* No part has the number 0, so the numbers wrap from UINT32_MAX to 1. */
+  /* No pressed part has the number 0, so the number after UINT32_MAX is 1. */
   counts->number = (counts->number == UINT32_MAX) ? 1 : counts->number + 1;
   counts->parts[verdict] += 1;
   counts->bad_in_row = (verdict == CYCLE_PART_GOOD)        ? 0

@@ -28,7 +28,7 @@ enum {
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
 
-/* First word of the head of an update. */
+/* First word of the head of an update of the firmware. */
 #define UPDATE_MAGIC UINT32_C(0x55584146) /* "FAXU" */
 
 /* update_init() sets the state at power-up. update_show() writes the state of the images to the

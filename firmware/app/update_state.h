@@ -8,7 +8,7 @@
 
 /* The head of an update. It is in front of the image, and its numbers are little-endian. */
 typedef struct {
-  uint32_t magic;          /* first word of the head, UPDATE_MAGIC */
+  uint32_t magic;          /* first word of the head of an update of the firmware, UPDATE_MAGIC */
   uint32_t address;        /* address for which the image is linked */
   uint32_t length;         /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */

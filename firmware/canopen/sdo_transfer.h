@@ -29,7 +29,7 @@
 #define SDO_ABORT_MAPPING UINT32_C(0x06040041) /* the object cannot be mapped into this PDO */
 /* The mapped objects together are longer than a PDO. */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042)
-/* Two heartbeat consumers would monitor the same node. */
+/* Reason of a refusal: two heartbeat consumers would monitor the same node. */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)
 /* the axis has no memory for parameters or programs */
 #define SDO_ABORT_HARDWARE UINT32_C(0x06060000)

@@ -91,7 +91,7 @@ typedef struct {
    * `data` */
   uint8_t what;
   uint8_t state;      /* state of the server, SDO_ */
-  uint8_t toggle;     /* toggle bit of the next segment */
+  uint8_t toggle;     /* toggle bit of the next SDO segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
   uint8_t replaced;   /* 1: a domain is being uploaded, and its bytes are lost */
   uint8_t with_crc;   /* 1: the client requests a CRC for the block transfer */

@@ -209,8 +209,8 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
   return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
-/* Returns the depth in this tick. It is computed only once in a tick, and only if a condition needs
- * it. */
+/* Returns the depth of the press in this tick. It is computed only once in a tick, and only if a
+ * condition needs it. */
 static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   if (cycle->has_depth == 0) {
     cycle->has_depth = 1;

@@ -70,9 +70,9 @@ typedef struct {
 
 typedef struct {
   const cycle_header_t *program; /* selected cycle program; NULL: no program is selected */
-  uint32_t phase_ticks;          /* number of ticks since the phase began */
+  uint32_t phase_ticks;          /* number of ticks since the present phase of the cycle began */
   uint32_t begin_tick;           /* tick in which the cycle started */
-  uint32_t last_tick;            /* tick in which the last sample was taken */
+  uint32_t last_tick;            /* tick in which the last sample of the cycle was measured */
   /* number of ticks without a valid sample, in phases whose samples affect the verdict */
   uint32_t invalid_ticks;
   int32_t start_cnt; /* position at the start of the present phase */
@@ -157,7 +157,8 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
 
 static inline bool cycle_is_running(const cycle_t *cycle) { return cycle->state == CYCLE_RUNNING; }
 
-/* Returns the present phase. Call this function only while the cycle is running. */
+/* Returns the present phase of the cycle program. Call this function only while the cycle is
+ * running. */
 static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
   return &cycle_phases(cycle->program)[cycle->phase];
 }

@@ -27,7 +27,7 @@ typedef struct {
   /* number of inputs since the shaper began, at most SHAPER_TICKS; 0 before the first input */
   uint16_t age;
   uint8_t delay_tick[SHAPER_IMPULSES];
-  uint8_t next;     /* index in `history` at which the next input is stored */
+  uint8_t next;     /* index in `history` at which the shaper stores its next input */
   uint8_t impulses; /* number of impulses; 0 if the shaper is off */
 } shaper_t;
 

@@ -33,8 +33,8 @@ enum {
 };
 
 typedef struct {
-  drive402_entry_t entry; /* object of the present transfer */
-  uint32_t answer;        /* value that was uploaded, or abort code */
+  drive402_entry_t entry; /* object of the present SDO transfer */
+  uint32_t answer;        /* value that was uploaded by SDO, or the SDO abort code */
   uint32_t ticks;         /* number of ticks until the answer counts as missing; at least 1 while an
                            * answer is awaited */
   uint8_t writes;         /* 1: download, 0: upload */
@@ -50,11 +50,11 @@ typedef struct {
 /* Initialises an SDO client: no transfer is in progress. */
 void drive402_sdo_init(drive402_sdo_t *sdo);
 
-/* Starts a download of the value of an entry (`writes` is true), or an upload of the object of this
- * entry. */
+/* Starts an SDO transfer for an entry of the configuration: the download of its value if `writes`
+ * is true, otherwise the upload of its object. */
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
 
-/* Counts a tick. Returns true if a request must be sent in this tick. */
+/* Counts a tick of the SDO client. Returns true if the client must send a request in this tick. */
 bool drive402_sdo_tick(drive402_sdo_t *sdo);
 
 /* Writes the 8 bytes of the request to `data`. After `ticks` ticks without an answer, the answer

@@ -98,7 +98,8 @@ typedef struct {
   /* sum of the travel of all earlier stopped attempts, without the coasting of the previous
    * attempt (coasted_cnt) */
   uint32_t spent_cnt;
-  int32_t force_start;   /* measured force at the start of the present phase */
+  /* measured force at the start of the present phase of the first motion test */
+  int32_t force_start;
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
   int16_t current_start; /* motor current at the start of the test, in per mille of its range */

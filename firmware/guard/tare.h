@@ -27,7 +27,8 @@ typedef struct {
   int32_t start_cnt; /* encoder count in the first tick of the measurement */
   int32_t tare_q8;   /* measured tare, in 1/256 count */
   uint32_t sum;      /* sum of the ADC codes of the measurement, below 2^28 */
-  /* low: smallest ADC code of the measurement; high: largest ADC code of the measurement */
+  /* low: smallest ADC code of the force during the tare measurement; high: largest ADC code during
+   * it */
   uint16_t low;
   uint16_t high;
   uint16_t count;    /* number of ADC codes that were added to `sum` */

@@ -27,7 +27,7 @@ typedef struct {
    * discarded */
   uint16_t length;
   uint16_t crc; /* CRC of the received bytes of the frame */
-  /* length in bytes of the answer that waits to be sent; 0: no answer waits */
+  /* length in bytes of the Modbus answer that waits to be sent; 0: no answer waits */
   uint16_t answer_length;
   uint16_t answer_sent;
   uint16_t counters[MODBUS_COUNTERS];

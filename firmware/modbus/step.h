@@ -70,7 +70,7 @@ typedef struct {
   /* source file (modbus_part_t) whose functions continue the request; MODBUS_ENDED if the answer is
    * complete */
   uint8_t part;
-  uint8_t step; /* step with which the request continues */
+  uint8_t step; /* step with which the Modbus request continues after the access */
   uint8_t unit;
   uint8_t *pdu;       /* function code and data of the request, and later of the answer */
   uint16_t length;    /* length in bytes of the request PDU, and later of the answer PDU */
@@ -79,9 +79,9 @@ typedef struct {
   /* The fields from `begin` to `after` are for requests that read or write registers. The entries
    * are those of the table axis_holding or axis_input. */
   const axis_register_t *begin; /* first entry of the request */
-  /* end of the entries of the request: the entry after the last one */
+  /* pointer to the entry after the last entry of the request */
   const axis_register_t *end;
-  const axis_register_t *entry; /* entry that is being read or written */
+  const axis_register_t *entry; /* row of the register table that is being read or written */
   bool wide;                    /* true if the request contains a 32-bit object */
   /* true if the low word of a 32-bit object is in the first of its two registers */
   bool low_first;
@@ -95,12 +95,13 @@ typedef struct {
   uint16_t read_count;
   uint16_t and_mask; /* Modbus function 22: AND mask and OR mask of the request */
   uint16_t or_mask;
-  uint8_t word[2];      /* word that functions 6 and 22 write */
+  uint8_t word[2];      /* word that the Modbus functions 6 and 22 write */
   uint8_t irreversible; /* number of writes in the request that cannot be undone */
   /* true while the irreversible writes are in progress; all other writes come first */
   bool writes_those;
   uint32_t previous; /* previous value of the object that is being written */
-  uint8_t exception; /* exception with which the request ends when its writes have been undone */
+  /* Modbus exception with which the request ends when its writes have been undone */
+  uint8_t exception;
 
   /* For requests that write coils: one[n] is true if coil n is written with 1, and zero[n] is true
    * if it is written with 0. If both are false, the request does not write coil n. */

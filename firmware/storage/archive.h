@@ -55,7 +55,7 @@ typedef struct {
   uint32_t day_tick;
   uint32_t at;     /* address of the next bytes that are read or programmed */
   uint32_t crc;    /* CRC of the bytes of the record before the address `at` */
-  uint8_t step;    /* next step of archive_serve() */
+  uint8_t step;    /* next step of the work that archive_serve() does in small steps */
   uint8_t is_new;  /* 1 if the archive is checking the record that it has just written */
   uint8_t written; /* 1 if the field day_tick is valid */
   uint8_t clear;   /* 1 if the archive must still mark the incident in `record` as cleared */

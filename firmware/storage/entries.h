@@ -25,10 +25,10 @@ typedef struct {
   verdict_t verdict;
 } entry_t;
 
-/* An iterator over the entries of one record. */
+/* An iterator over the entries of one record of the parameter store. */
 typedef struct {
   record_t record;
-  uint32_t next; /* offset in bytes of the next entry */
+  uint32_t next; /* offset in bytes of the next entry of the record */
   /* next entry in the list of changes of the object table since version 0.1.0; used only for a
    * parameter set of version 0.1.0 */
   const axis_change_t *change;

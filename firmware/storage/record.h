@@ -49,7 +49,7 @@ enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 #define RECORD_NONE UINT32_C(0)
 
 typedef struct {
-  uint32_t begin; /* address of the head of the record */
+  uint32_t begin; /* address in the memory at which the record begins */
   uint32_t magic; /* kind of the record, RECORD_ */
   uint32_t hash;
   uint32_t sequence;

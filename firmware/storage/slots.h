@@ -38,8 +38,8 @@ typedef struct {
   uint32_t unused[7];
 } slot_trailer_t;
 
-/* Returns the index in `tries` of the first attempt that was not used yet, or SLOT_TRIES if all
- * attempts were used. */
+/* Returns the index in `tries` of the next permitted attempt to start the image, or SLOT_TRIES if
+ * all attempts were used. */
 uint32_t slots_next_try(const slot_trailer_t *trailer);
 
 /* Returns the number of the slot whose image the loader starts. An image may be started if its CRC

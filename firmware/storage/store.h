@@ -111,15 +111,16 @@ typedef struct {
   /* 1 if the store may erase its other sector without a command, because this sector contains no
    * data that a user needs */
   uint8_t may_move;
-  /* The following fields describe the work in progress. `step`: next step of this work. */
+  /* The following fields describe the work of the parameter store in progress. `step`: next step of
+   * this work. */
   uint8_t step;
   uint8_t sector;
   /* kind of the present job of the parameter store: a command of the user, or a write of extra
    * records */
   uint8_t job;
-  uint8_t item;    /* number of the record that is being written */
+  uint8_t item;    /* number of the record that the present job is writing */
   uint8_t items;   /* set, as bits, of the records that the present job writes */
-  uint8_t again;   /* 1 during the second attempt to write the record */
+  uint8_t again;   /* 1 during the second attempt to write the same record, in the other sector */
   uint16_t object; /* number of the object whose entry is programmed next */
   /* first object whose present value is saved; `last`: last object whose present value is saved */
   uint16_t first;

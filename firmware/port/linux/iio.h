@@ -39,7 +39,7 @@ typedef struct {
 /* Format of a value in a scan: `[be|le]:[s|u]bits/storagebits[Xrepeat][>>shift]`. */
 typedef struct {
   bool is_big;    /* true: the highest byte of a value is first */
-  bool is_signed; /* true: a value is two's complement */
+  bool is_signed; /* true: the values of the channel are two's complement numbers */
   uint8_t bits;   /* number of valid bits of a value, 1..64 */
   uint8_t bytes;  /* size of one value with its padding: 1, 2, 4 or 8 */
   uint8_t repeat; /* number of values of the channel in a scan: 1, 2, 4 or 8 */
