@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from forceaxis.axis.axis import Axis
     from forceaxis.results import Convertible
 
-# Longest time in s that the first command of a stop waits for its answer, besides the time that the
-# serial line needs for the bits of request and answer. An axis answers within some ms.
+# Longest time in s to wait for the answer to a stop command. An axis answers within some ms.
+# The time in which a serial line transmits the bits of request and answer is added to it.
 FIRST_ANSWER_S = 0.3
 REQUEST_BITS = 200  # bits of request and answer on a serial line, with pauses
-# Number of times that an axis of a line is commanded before the program waits for any of them. The
-# second time is for an axis whose first request was disturbed.
+# Number of stop commands that each axis of a serial line gets before the program waits for answers.
+# The second command is for an axis whose first request was disturbed.
 FIRST_ROUNDS = 2
 
 Describe = Callable[["Axis", str, "AxisStatus"], str]

@@ -263,8 +263,8 @@ def curve_of(
             f"{POSITION_MOST / judge.counts_per_m:g} m, got more; check the unit of the position, "
             "or give a larger length of one count of travel"
         )
-    # In a sampling period without a sample, the values are those of the sample before, as in the
-    # axis. The phase numbers are sampled separately from force and position.
+    # A sampling period without a sample gets the values of the sample before, as in the axis.
+    # The phase numbers are sampled separately from force and position.
     last = np.searchsorted(times.number, np.arange(times.periods), side="right") - 1
     last = np.clip(last, 0, None)
     is_there = np.zeros(times.periods, dtype=bool)
@@ -316,8 +316,8 @@ def _traced_labels(
             f"{where}: {TRACED_STATE}: expected a recording that begins before the cycle, but the "
             "cycle runs in its first sample; record earlier"
         )
-    # A traced value is that after the tick. A sample belongs to the phase of the tick before, and
-    # the first sample of a cycle to its first phase.
+    # A traced phase is that at the end of its tick, so a sample belongs to the phase traced before.
+    # The first sample of a cycle belongs to the first phase of the cycle.
     before_s = at_s - period_s
     ran_before = recording.held(TRACED_STATE, before_s) == RUNNING
     labels = np.where(ran_before, _whole(recording, where, TRACED_PHASE, before_s), NO_PHASE)

@@ -32,8 +32,7 @@ from forceaxis.cycles.outcome import ABORTED
 from forceaxis.cycles.record import PartRecord, measured
 from forceaxis.errors import ParameterError
 
-# Scores and their sums are integers. One unit of them, a step, is this part of a standard
-# deviation.
+# Scores and their sums are integers. A step (one unit) is this part of a standard deviation.
 STEP = 0.05
 SCORE_MOST = 80  # Largest score of a value, in steps. It is 4 standard deviations.
 # The test detects a change of the mean earliest if the change is twice this distance.
@@ -55,8 +54,7 @@ class Series:
 
     name: str
     unit: str
-    # True if the value of the evaluation element is the number of times that the curve enters a
-    # window
+    # True if the evaluation element counts how often the curve enters a window
     is_count: bool
     # values in the order of the parts; None for a part in which the evaluation element has no value
     values: Sequence[float | None]
@@ -125,8 +123,7 @@ def scores(values: Sequence[float]) -> list[int]:
     ranks = []
     for value in values:
         less, most = bisect.bisect_left(known, value), bisect.bisect_right(known, value)
-        # equal values share the ranks less + 1 to most + 1, and each of them gets the mean of these
-        # ranks
+        # equal values have the ranks less + 1 to most + 1, and each gets the mean of these ranks
         ranks.append((less + most) / 2 + 1)
         known.insert(most, value)
     shares = np.array(ranks) / np.arange(2, len(ranks) + 2)

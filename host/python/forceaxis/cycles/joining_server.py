@@ -331,8 +331,7 @@ class JoiningServer:
     def __init__(self, server: Server, folder: Path) -> None:
         self._server, self._folder = server, folder
         self._known: set[Key] = set()
-        # {name of a result: OPC UA node of the result}, in the order in which the parts were
-        # pressed
+        # {name of a result: OPC UA node of the result}, in the order of the pressed parts
         self._nodes: dict[str, Node] = {}
         self._values: dict[str, Structure] = {}
         self._own = 0

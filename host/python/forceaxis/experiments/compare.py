@@ -95,8 +95,8 @@ class RecordingComparison:
     inside: dict[str, float]
     # {signal: error of the model} that the bands contain
     model_error: dict[str, ErrorSize]
-    # {signal: smallest error of the model} with which all characteristic values would agree; {} if
-    # they agree, or if none of NEEDED_SHARES is sufficient
+    # {signal: smallest error of the model} with which all characteristic values would agree.
+    # It is {} if they agree already, or if no error in NEEDED_SHARES is large enough.
     needed_error: dict[str, ErrorSize]
     notes: tuple[str, ...]
 
@@ -287,8 +287,8 @@ def _runs(measured: _Measured) -> list[_Run]:
         errors = noise * rng.standard_normal(AREA_SAMPLES) + step * rng.uniform(
             -0.5, 0.5, AREA_SAMPLES
         )
-        # The force of a run is interpolated by a line between two ticks, but it may begin to rise
-        # between them.
+        # A run has its force at the ticks only; between two ticks it is interpolated by a line.
+        # The true force may begin to rise between the two ticks.
         errors[0] += measured.bend_N * rng.uniform(-1, 1)
         begin = measured.area
         area = begin.area_N_s + float(errors.sum()) * begin.period_s
