@@ -15,7 +15,8 @@
 #define SDO_ABORT_TIMEOUT UINT32_C(0x05040000) /* the client sent no request for SDO_TIMEOUT_MS */
 /* The request does not match the state of the transfer, or its command is unknown. */
 #define SDO_ABORT_COMMAND UINT32_C(0x05040001)
-#define SDO_ABORT_BLOCK_SIZE UINT32_C(0x05040002) /* the block size is not 1 to 127 */
+/* the number of segments in an SDO block is not 1 to 127 */
+#define SDO_ABORT_BLOCK_SIZE UINT32_C(0x05040002)
 /* The number of a received or acknowledged segment is wrong. */
 #define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)
 #define SDO_ABORT_CRC UINT32_C(0x05040004)

@@ -108,13 +108,16 @@ typedef struct {
  * value. */
 enum {
   CYCLE_GOOD = 0,
-  CYCLE_BELOW = 1, /* the value is below y_least, or the curve below the envelope */
-  CYCLE_ABOVE = 2, /* the value is above y_most, or the curve above the envelope */
-  /* kind WINDOW: the curve crossed a side that is not permitted; kind LAST: x is outside of its
-   * bounds */
+  /* verdict: the value of the element is below y_least, or the curve is below the envelope */
+  CYCLE_BELOW = 1,
+  /* verdict: the value of the element is above y_most, or the curve is above the envelope */
+  CYCLE_ABOVE = 2,
+  /* verdict: the curve crossed a side of the window that is not permitted (kind WINDOW), or x is
+   * outside of its bounds (kind LAST) */
   CYCLE_WRONG_SIDE = 3,
-  CYCLE_AGAIN = 4, /* kind WINDOW: the curve entered or left the window more than once */
-  /* the element has no value: there was no sample or no crossing, or the curve ended too early */
+  CYCLE_AGAIN = 4, /* verdict: the curve entered or left the window more than once (kind WINDOW) */
+  /* verdict: the element has no value, because there was no sample or no crossing, or the curve
+   * ended too early */
   CYCLE_NOT_REACHED = 5,
   CYCLE_ABORTED = 6,
   CYCLE_VERDICTS = 7

@@ -191,20 +191,24 @@ typedef struct {
  * phase or evaluation element. */
 enum {
   CYCLE_ACCEPTED = 0,
-  CYCLE_NO_PROGRAM = 1,    /* the record is too short, or does not begin with CYCLE_MAGIC */
-  CYCLE_OTHER_VERSION = 2, /* the version of the layout of the record is not supported */
-  CYCLE_WRONG_SIZE = 3,    /* the size does not match the numbers of phases, elements and points, or
-                            * one of these is too large */
+  /* refusal: the record of the cycle program is too short, or does not begin with CYCLE_MAGIC */
+  CYCLE_NO_PROGRAM = 1,
+  /* refusal: the cycle program has a version of its layout that is not supported */
+  CYCLE_OTHER_VERSION = 2,
+  /* refusal: the size of the cycle program does not match its numbers of phases, elements and
+   * points, or one of these is too large */
+  CYCLE_WRONG_SIZE = 3,
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
   CYCLE_BUSY = 7,    /* a cycle is running */
-  CYCLE_NO_ROOM = 8, /* the library has no room for the program */
-  /* the program has the number 0, but a program of the library needs another number */
+  CYCLE_NO_ROOM = 8, /* refusal: the library has no room for the cycle program */
+  /* refusal: the cycle program has the number 0, which is not permitted in the library */
   CYCLE_NO_NUMBER = 9,
   CYCLE_WRONG_ZERO = 10,
-  CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
-  CYCLE_LOCKED = 12,       /* the axis accepts no cycle program now */
+  /* refusal: compliance, outputs_keep or the reserved byte of the cycle program is wrong */
+  CYCLE_WRONG_HEADER = 11,
+  CYCLE_LOCKED = 12, /* the axis accepts no cycle program now */
   CYCLE_REASONS = 13
 };
 typedef struct {

@@ -171,7 +171,7 @@ typedef struct {
   uint32_t cycle_bank_crc;
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
-  uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
+  uint8_t tracking;        /* how the trajectory is used, a CIA402_TRACKING_ value */
   uint8_t setpoint_active; /* 1 if the drive moves to the position in `setpoint` */
   /* 1 if `buffered` contains a set-point that the drive has not started yet */
   uint8_t setpoint_buffered;

@@ -44,8 +44,9 @@
 enum { SENSOR_WINDOW_NONE, SENSOR_WINDOW_STUCK, SENSOR_WINDOW_DISCONNECTED };
 
 typedef struct {
-  int32_t start_cnt; /* encoder count at the start of the time window */
-  uint16_t code;     /* ADC code of the force in the previous tick */
+  /* encoder count at the start of the time window in which the sensor is monitored */
+  int32_t start_cnt;
+  uint16_t code; /* ADC code of the force in the previous tick */
   uint16_t railed_tick;
   /* number of ticks since the start of the time window in which the sensor is monitored */
   uint16_t window_tick;

@@ -26,7 +26,7 @@ enum { TARE_JITTER_CNT = 2 };
 typedef struct {
   int32_t start_cnt; /* encoder count in the first tick of the measurement */
   int32_t tare_q8;   /* measured tare, in 1/256 count */
-  uint32_t sum;      /* sum of the ADC codes of the measurement, below 2^28 */
+  uint32_t sum;      /* sum of the ADC codes of the tare measurement, below 2^28 */
   /* low: smallest ADC code of the force during the tare measurement; high: largest ADC code during
    * it */
   uint16_t low;

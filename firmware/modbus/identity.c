@@ -120,7 +120,8 @@ void modbus_identify(modbus_request_t *r) {
     /* conformity level of the device identification: all categories, with stream access and
      * individual access */
     r->pdu[3] = 0x83;
-    r->pdu[4] = 0; /* 0: the list is complete, no more objects follow */
+    /* 0: the list of device identification objects is complete, no more objects follow */
+    r->pdu[4] = 0;
     r->pdu[5] = 0;
     r->pdu[6] = 0; /* number of identification objects in the Modbus answer */
     r->length = 7;

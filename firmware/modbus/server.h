@@ -33,7 +33,7 @@ typedef struct {
   uint16_t counters[MODBUS_COUNTERS];
   uint8_t heard; /* 1 if bytes were received since the last tick */
   uint8_t unit;
-  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the request, and later of the answer */
+  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the Modbus request, and later of the answer */
 } modbus_t;
 
 /* Initialises the server. If `unit` is 1 to 247, requests to other units are ignored, and

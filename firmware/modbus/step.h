@@ -28,13 +28,15 @@ enum {
  * restarts at 0 after 65535. */
 enum {
   MODBUS_COUNTER_FIRST = 11,
-  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames that were received, for all units */
-  MODBUS_COUNT_ERRORS = 1,     /* number of frames that were damaged, interrupted or too long */
-  MODBUS_COUNT_EXCEPTIONS = 2, /* number of answers with an exception and of refused broadcasts */
-  MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit and of broadcasts */
+  MODBUS_COUNT_MESSAGES = 0, /* number of complete Modbus frames that were received, to any unit */
+  MODBUS_COUNT_ERRORS = 1,   /* number of frames that were damaged, interrupted or too long */
+  /* number of Modbus answers with an exception, plus number of refused broadcasts */
+  MODBUS_COUNT_EXCEPTIONS = 2,
+  MODBUS_COUNT_SERVED = 3, /* number of Modbus requests to this unit, plus number of broadcasts */
   MODBUS_COUNT_UNANSWERED = 4, /* number of broadcasts */
-  MODBUS_COUNT_NAK = 5,        /* number of negative acknowledgements; always 0 */
-  MODBUS_COUNT_BUSY = 6,       /* number of requests refused with exception 6 */
+  /* number of answers with the Modbus exception 7 (negative acknowledge); always 0 */
+  MODBUS_COUNT_NAK = 5,
+  MODBUS_COUNT_BUSY = 6, /* number of requests refused with exception 6 */
   /* number of times that bytes were received while an answer still waited to be sent */
   MODBUS_COUNT_OVERRUNS = 7,
   MODBUS_COUNTERS = 8
@@ -74,7 +76,7 @@ typedef struct {
   uint8_t unit;
   uint8_t *pdu;       /* function code and data of the request, and later of the answer */
   uint16_t length;    /* length in bytes of the request PDU, and later of the answer PDU */
-  uint16_t *counters; /* array of MODBUS_COUNTERS counters */
+  uint16_t *counters; /* diagnostic counters of the Modbus server, MODBUS_COUNTERS elements */
 
   /* The fields from `begin` to `after` are for requests that read or write registers. The entries
    * are those of the table axis_holding or axis_input. */

@@ -48,8 +48,8 @@ typedef struct {
   uint32_t samples_crc; /* CRC-32 of the samples of `record` */
   uint32_t sequence;    /* highest sequence number of all records */
   uint32_t bytes;       /* size in bytes of the largest incident that can occur */
-  /* address for the next record; ARCHIVE_NOWHERE if the memory has no room for it until the next
-   * power-up */
+  /* address at which the next incident is written; ARCHIVE_NOWHERE if there is no room for it until
+   * the next power-up */
   uint32_t begin;
   /* tick in which the archive last began to write an incident; valid only if `written` is 1 */
   uint32_t day_tick;

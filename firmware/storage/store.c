@@ -692,8 +692,9 @@ void store_parts_tick(store_t *store, const dictionary_t *objects) {
   store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
 }
 
-/* Abandons a write of extra records. The store does not use the bytes that were programmed so far,
- * nor the rest of the space that the head of the record announces. */
+/* Abandons a write of extra records (cycle programs, counts of parts). The store does not use the
+ * bytes that were programmed so far, nor the rest of the space that the head of the record
+ * announces. */
 void store_abandon(store_t *store) {
   if (store->step == STEP_IDLE || store->job != JOB_PARTS) {
     return;

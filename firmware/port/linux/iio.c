@@ -254,7 +254,7 @@ const char *iio_open(iio_t *iio, const iio_settings_t *settings) {
   return NULL;
 }
 
-/* Makes one read from the device. Returns true if more bytes may be available. */
+/* Reads once from the IIO device. Returns true if more bytes may be available. */
 static bool read_more(iio_t *iio) {
   const ssize_t count = read(iio->fd, iio->bytes + iio->used, sizeof(iio->bytes) - iio->used);
   const bool is_none = count < 0 && (errno == EAGAIN || errno == EINTR);
