@@ -50,8 +50,8 @@ def cycle() -> None:
     thousands of good and bad parts. Then load the program into an axis, press parts, record the
     results, and see how good the process is.
 
-    All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
-    The command for recorded curves also takes a program alone, because it moves nothing.
+    All commands but `statistics` need an experiment, without which a cycle program cannot run.
+    The command for recorded curves also accepts the file of a cycle program, as it moves nothing.
     The experiment names the model of press and part, the program, the parameters of the axis, and
     the time at which the cycle starts. `--program` tries another program with the same press.
     """
@@ -163,8 +163,8 @@ def drift_options(default: str | None) -> Callable[[Callback], Callback]:
         return click.option(
             "--false-alarms", metavar="SHARE", default=default, show_default=default is not None,
             callback=_false_alarms,
-            help="Test for wear and drift: the largest share of series without a change in which "
-            "it finds one.",
+            help="Test for wear and drift: the largest share of unchanged series in which the test "
+            "reports a change.",
         )(verb)  # fmt: skip
 
     return add

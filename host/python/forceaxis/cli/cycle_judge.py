@@ -124,7 +124,7 @@ def judged_files(
 @cycle.command(
     cls=Slow,
     epilog="""forceaxis cycle judge press_fit part.npz
-    # the program alone, for the curves of another press, all of one stroke
+    # the cycle program without an experiment, for the curves of another press, all of one stroke
     forceaxis cycle judge bush.toml curves/*.csv --map force=Fz:N,position=s:mm \\
     --travel-count 1um --force-count 5mN --phase press
     # bounds from good parts, and wear over a series
@@ -137,14 +137,16 @@ def judged_files(
     type=click.Path(dir_okay=False, path_type=Path),
 )  # fmt: skip
 @program_option
-@click.option("--travel-count", metavar="SIZE", help="Of a program alone: a count of travel.")
+@click.option(
+    "--travel-count", metavar="SIZE", help="Size of a count of travel, without an experiment."
+)
 @click.option(
     "--force-count", metavar="SIZE",
-    help="Of a program alone: a count of force. The range is 131,071 of them.",
+    help="Size of a count of force, without an experiment. The range has 131,071 counts.",
 )  # fmt: skip
 @click.option(
     "--contact-force", metavar="FORCE",
-    help="Of a program alone: force above which the tool is in contact.",
+    help="Force above which the tool is in contact, without an experiment.",
 )  # fmt: skip
 @click.option(
     "--force-range", metavar="LOW..HIGH",
@@ -200,10 +202,11 @@ def judge(
     cycle program. Each curve is converted to counts, and the code of the firmware computes the
     verdict.
 
-    PROGRAM is an experiment, whose axis has the counts, or the file of a program alone, which needs
-    --travel-count and --force-count. CURVE is the recording of one part, with the signals force and
-    position, positive towards the workpiece and sampled at a constant rate: a file of `recording
-    import`, or any file with --map. Give the curves in the order in which the parts were pressed.
+    PROGRAM is an experiment, whose axis defines the sizes of the counts, or the file of a cycle
+    program, which needs --travel-count and --force-count. CURVE is the recording of one part, with
+    the signals force and position, positive towards the workpiece and sampled at a constant rate: a
+    file of `recording import`, or any file with --map. Give the curves in the order in which the
+    parts were pressed.
 
     The phases are those of the signals cycle_phase and cycle_state (objects of the firmware, of
     each tick) or of the signal phase (a number from 0 for each sample; negative: no phase), else
