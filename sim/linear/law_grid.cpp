@@ -150,8 +150,8 @@ class GridMaker {
   int cycle_ticks_;
   double cycle_hz_;  // rate in Hz at which the drive receives commands
   std::vector<Point> common_;
-  std::vector<double> common_w_;  // results of w_of() for all common points: first those at one
-                                  // alias frequency, then those at the next
+  std::vector<double> common_w_;  // tan(pi f tick_s) of all common points: first at one alias
+                                  // frequency, then at the next
   mutable std::mutex lock_;
   mutable std::deque<std::pair<Hold, std::shared_ptr<const std::vector<Complex>>>> factors_;
   std::vector<double> around_;  // distances of the grid points around a resonance from the

@@ -81,7 +81,7 @@ class Curve:
 
     # time in s since the start of the simulation; on a real axis, since the start of the cycle
     time_s: Array
-    # travel in m from travel 0 of the cycle program, minus the deflection of the press
+    # travel in m from the origin that the cycle program defines, minus the deflection of the press
     travel_m: Array
     force_N: Array  # measured force in N, minus the offset that a tare in the cycle has measured
     phase: NDArray[np.int64]  # number of the phase of the cycle to which the sample belongs
