@@ -70,7 +70,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Clears a result. Its number becomes 0: it belongs to no pressed part. */
+/* Clears the result of a pressed part. Its part number becomes 0: it is no result then. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;

@@ -43,15 +43,16 @@
 #define SDO_ABORT_VALUE UINT32_C(0x06090030)
 #define SDO_ABORT_TOO_HIGH UINT32_C(0x06090031)
 #define SDO_ABORT_TOO_LOW UINT32_C(0x06090032)
-#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* the value is neither "save" nor "load" */
-#define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another command source owns the axis */
+/* the written value is neither "save" nor "load" */
+#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020)
+#define SDO_ABORT_LOCKED UINT32_C(0x08000021) /* another command source owns the axis */
 /* The present state of the axis, the recorder, the PDO or the parameter store does not permit the
  * access. */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)
 /* There is no complete recording and no curve, or the entry of the error history is empty. */
 #define SDO_ABORT_NO_DATA UINT32_C(0x08000024)
 
-/* Longest time in ms between two requests of a client in the same transfer. */
+/* Longest time in ms between two requests of an SDO client in the same transfer. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
 enum { SDO_SEGMENT_BYTES = 7 };
@@ -106,7 +107,7 @@ uint16_t sdo_index(const uint8_t *data);
 /* Prepares the download that begins with this request. Returns 0 or an abort code. */
 uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size);
 
-/* Appends the next bytes of a download. Returns 0 or an abort code. */
+/* Appends the next bytes of an SDO download. Returns 0 or an SDO abort code. */
 uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count);
 
 /* Checks the announced size of a download in bytes. Returns 0 or an abort code. */

@@ -119,7 +119,7 @@ typedef struct {
   uint8_t next_rate;
   uint8_t node_id; /* node id after the next reset of communication, or LSS_NO_NODE_ID */
   uint8_t fixed;   /* 1: the board fixes the node id, so that LSS cannot change it */
-  uint8_t state;   /* state of LSS (CiA 305): waiting or configuration */
+  uint8_t state;   /* state of the LSS slave (CiA 305): waiting or configuration */
   /* number of parts of the LSS address that have matched in the command `switch state selective` */
   uint8_t selected;
   /* number of parts of the LSS address that have matched in the command `identify remote slave` */

@@ -39,12 +39,12 @@ typedef struct {
   uint32_t ticks;
   uint8_t writes;       /* 1: download, 0: upload */
   uint8_t state;        /* state of the SDO transfer, a DRIVE402_TRANSFER_ value */
-  uint8_t pause;        /* number of ticks until the next request may be sent */
+  uint8_t pause;        /* number of ticks until the next SDO request may be sent */
   uint8_t is_repeated;  /* 1: the request was repeated */
   uint8_t is_segmented; /* 1: the upload waits for the segment that contains the value */
   uint8_t has_late_ack; /* 1: the last download was sent twice, so the drive may answer it
                          * twice */
-  uint8_t doubled;      /* number of downloads that were sent once and answered twice */
+  uint8_t doubled;      /* number of SDO downloads that were sent once and answered twice */
 } drive402_sdo_t;
 
 /* Initialises an SDO client: no transfer is in progress. */

@@ -48,7 +48,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text to the answer and returns the number of appended characters. */
+/* Appends a text to the Modbus answer and returns the number of appended characters. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {

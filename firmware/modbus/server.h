@@ -26,7 +26,7 @@ typedef struct {
   /* number of bytes of the frame that were received so far; bytes that exceed the buffer are
    * discarded */
   uint16_t length;
-  uint16_t crc; /* CRC of the received bytes of the frame */
+  uint16_t crc; /* CRC of the received bytes of the Modbus frame */
   /* length in bytes of the Modbus answer that waits to be sent; 0: no answer waits */
   uint16_t answer_length;
   uint16_t answer_sent;

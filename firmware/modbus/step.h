@@ -12,16 +12,19 @@
 
 enum {
   MODBUS_OK = 0,
-  MODBUS_EXCEPTION_FUNCTION = 1, /* the function or sub-function is unknown */
-  MODBUS_EXCEPTION_ADDRESS = 2,  /* there is no such register, coil or discrete input */
+  MODBUS_EXCEPTION_FUNCTION = 1, /* Modbus exception: the function or sub-function is unknown */
+  /* Modbus exception: there is no such register, coil or discrete input */
+  MODBUS_EXCEPTION_ADDRESS = 2,
   /* the value is out of range, the write is to half of a 32-bit object, or the request is
    * malformed */
   MODBUS_EXCEPTION_VALUE = 3,
   MODBUS_EXCEPTION_STATE =
-      4, /* the state forbids the access, or another command source owns the axis */
+      /* the access is refused, because the state of the axis forbids it or another command source
+       * owns it */
+  4,
   MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is busy */
-  MODBUS_EXCEPTION_PATH = 10,  /* the gateway has no axis with this unit */
-  MODBUS_EXCEPTION_TARGET = 11 /* the axis does not answer the gateway */
+  MODBUS_EXCEPTION_PATH = 10,  /* Modbus exception: the gateway has no axis with this unit */
+  MODBUS_EXCEPTION_TARGET = 11 /* Modbus exception: the axis does not answer the gateway */
 };
 
 /* Counters of Modbus function 8, indexed by the sub-function minus MODBUS_COUNTER_FIRST. A counter
@@ -36,7 +39,8 @@ enum {
   MODBUS_COUNT_UNANSWERED = 4, /* number of broadcasts */
   /* number of answers with the Modbus exception 7 (negative acknowledge); always 0 */
   MODBUS_COUNT_NAK = 5,
-  MODBUS_COUNT_BUSY = 6, /* number of requests refused with exception 6 */
+  /* number of requests that were refused with the Modbus exception 6 (busy) */
+  MODBUS_COUNT_BUSY = 6,
   /* number of times that bytes were received while an answer still waited to be sent */
   MODBUS_COUNT_OVERRUNS = 7,
   MODBUS_COUNTERS = 8
@@ -62,7 +66,7 @@ typedef struct {
   int32_t value;
   /* text that MODBUS_READ_TEXT found, with a 0 at its end; valid until the next access */
   const char *text;
-  int refusal; /* result of the access: FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER */
+  int refusal; /* result of the access to the object: FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER */
 } modbus_access_t;
 
 typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } modbus_part_t;
@@ -87,9 +91,11 @@ typedef struct {
   bool wide;                    /* true if the request contains a 32-bit object */
   /* true if the low word of a 32-bit object is in the first of its two registers */
   bool low_first;
-  uint8_t *words; /* words in the request for the first entry that is written */
-  uint8_t *place; /* words in the request for the entry that is being read or written */
-  uint32_t first; /* number of the first register, bit or identification object that is read */
+  uint8_t *words; /* words of the Modbus request that belong to the first entry that is written */
+  /* words of the Modbus request that belong to the entry that is being read or written */
+  uint8_t *place;
+  /* number of the first register, bit or identification object that the Modbus request reads */
+  uint32_t first;
   /* number of the last register, bit or identification object that is read, plus 1 */
   uint32_t after;
   uint16_t read_first; /* Modbus function 23: first register that is read after the writes */
@@ -98,7 +104,7 @@ typedef struct {
   uint16_t and_mask; /* Modbus function 22: AND mask and OR mask of the request */
   uint16_t or_mask;
   uint8_t word[2];      /* word that the Modbus functions 6 and 22 write */
-  uint8_t irreversible; /* number of writes in the request that cannot be undone */
+  uint8_t irreversible; /* number of writes in the Modbus request that cannot be undone */
   /* true while the irreversible writes are in progress; all other writes come first */
   bool writes_those;
   uint32_t previous; /* previous value of the object that is being written */
