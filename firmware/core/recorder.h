@@ -59,7 +59,7 @@ typedef struct {
   uint32_t trigger_flip;
   uint32_t trigger_level;
   uint32_t trigger_previous;
-  uint16_t decimation_remaining; /* number of ticks until the next sample */
+  uint16_t decimation_remaining; /* number of ticks until the recorder takes its next sample */
   uint32_t write_index;          /* index of the next sample in the ring buffer, 0..capacity-1 */
   uint32_t first_index;          /* index of the oldest sample in the ring buffer */
   /* number of samples after the trigger that the recorder still has to store */

@@ -38,7 +38,7 @@ static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->tare_ticks = 0;
 }
 
-/* Begins a phase with the action FOLLOW, TARE or OUTPUT. */
+/* Begins a phase of a cycle with the action FOLLOW, TARE or OUTPUT. */
 static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   if (phase->action == CYCLE_FOLLOW) {
     const cycle_point_t *last = &cycle_points(cycle->program)[phase->first + phase->points - 1];

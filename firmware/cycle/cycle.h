@@ -75,7 +75,7 @@ typedef struct {
   uint32_t last_tick;            /* tick in which the last sample of the cycle was measured */
   /* number of ticks without a valid sample, in phases whose samples affect the verdict */
   uint32_t invalid_ticks;
-  int32_t start_cnt; /* position at the start of the present phase */
+  int32_t start_cnt; /* position at the start of the present phase of the cycle */
   /* position of travel 0, the origin of the travel; until it is found, the position at the start
    * of the cycle */
   int32_t zero_cnt;
@@ -121,7 +121,7 @@ typedef struct {
   uint8_t written;
   uint8_t evaluated;
   uint8_t state; /* state of the cycle, CYCLE_IDLE to CYCLE_DONE */
-  uint8_t phase; /* number of the running phase, or of the last phase */
+  uint8_t phase; /* number of the running phase of the cycle, or of the last one */
   /* how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
   uint8_t outcome;
   /* number of the phase in which the cycle failed. It has failed when a limit was exceeded for the
@@ -167,7 +167,8 @@ static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
  * tick. */
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 
-/* Ends a running cycle in its present phase, with the given outcome. */
+/* Ends a running cycle before the end of its program, in its present phase and with the given
+ * outcome. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
 /* Ends a running cycle as CYCLE_STOPPED. If the cycle was aborted before its first tick, it has not

@@ -127,7 +127,7 @@ typedef struct {
   /* kind WORK: twice the integral of the force over x, in 1/256 count of force times one count or
    * one tick of x */
   int64_t sum;
-  uint32_t begin_tick; /* tick of the first sample that the element has evaluated */
+  uint32_t begin_tick; /* tick of the first sample that the evaluation element has evaluated */
   uint32_t last_tick;
   uint32_t found_tick; /* tick of the sample that gave the value */
   int32_t x;           /* x value of the last sample */
@@ -138,8 +138,8 @@ typedef struct {
   int32_t value_2;     /* kind DIFFERENCE: value at the crossing of level_2 */
   uint8_t has_sample;  /* 1 after the first sample that the evaluation element has evaluated */
   uint8_t found;       /* bit 0 is 1 if `value` was found, and bit 1 is 1 if value_2 was found */
-  uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
-  uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */
+  uint8_t crossings;   /* number of times that the curve has crossed `level` so far, at most 255 */
+  uint8_t crossings_2; /* number of times that the curve has crossed level_2 so far, at most 255 */
   /* kind WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of
    * times that it left the window */
   uint8_t entries;

@@ -173,7 +173,7 @@ typedef struct {
   /* CRC of the filter bank for which the cycle program was made; 0: the program permits every bank
    */
   uint32_t bank_crc;
-  uint32_t number;  /* number that the user has given to the program */
+  uint32_t number;  /* number that the user has given to the cycle program */
   uint8_t name[12]; /* name of the program as text, filled with zeros */
   /* force or position that defines travel 0 (see `zero`); 0 for CYCLE_ZERO_TOUCH, not 0 for
    * CYCLE_ZERO_FORCE */
@@ -243,10 +243,10 @@ uint16_t cycle_program_judged(const cycle_header_t *program);
  * measured force. */
 typedef struct {
   int32_t force_max_q8; /* largest force_max of all phases */
-  int32_t most_q8;      /* largest force: the largest of 0, zero_level and the levels of
-                         * FORCE_ABOVE */
-  int32_t least_q8;     /* smallest force: the smallest of 0, zero_level and the levels of
-                         * FORCE_BELOW */
+  /* largest force of the program: the largest of 0, zero_level and the levels of FORCE_ABOVE */
+  int32_t most_q8;
+  /* smallest force of the program: the smallest of 0, zero_level and the levels of FORCE_BELOW */
+  int32_t least_q8;
 } cycle_reach_t;
 cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 

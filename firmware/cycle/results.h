@@ -41,12 +41,12 @@ typedef struct {
 
 typedef struct {
   cycle_part_t *parts; /* array of results; an entry with the part number 0 is free */
-  uint8_t room;        /* number of entries of this array, 0 to 255 */
-  uint8_t waiting;     /* number of results that wait for their acknowledgement */
+  uint8_t room;        /* number of elements of this array, 0 to 255 */
+  uint8_t waiting;     /* number of results of pressed parts that wait for their acknowledgement */
 } cycle_results_t;
 
-/* Initialises a memory without results. `memory` begins at a multiple of 4; if `memory` is NULL, no
- * result waits. */
+/* Initialises a memory for results of pressed parts. It is empty then. `memory` begins at a
+ * multiple of 4; if `memory` is NULL, no result waits. */
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes);
 
 /* Returns true if the memory for the results of pressed parts exists but is full. */

@@ -39,9 +39,10 @@ enum { CIA402_SLOWING = 2 };
 /* Number of ticks over which velocity_actual is averaged. */
 enum { CIA402_MEAN_TICKS = 16 };
 
-/* A set-point of profile position mode or of a guarded move. */
+/* A position set-point of profile position mode or of a guarded move (a move that ends at a
+ * contact). */
 typedef struct {
-  int32_t position; /* target position in user units, as the client wrote it */
+  int32_t position; /* target position in user units, as the client has written it */
   uint32_t speed;   /* profile velocity of the set-point in user units per second */
 } cia402_setpoint_t;
 

@@ -22,7 +22,8 @@ enum { SHAPER_IMPULSES = 3, SHAPER_TICKS = 256 };
 typedef struct {
   int32_t history[SHAPER_TICKS]; /* ring buffer of the inputs x */
   int32_t amplitude_q16[SHAPER_IMPULSES];
-  int32_t before; /* value that represents all inputs before the oldest input in `history` */
+  /* value that all inputs of the shaper before the oldest one in `history` are assumed to have */
+  int32_t before;
   uint32_t remainder_q16; /* rounding remainder of the last output of the shaper */
   /* number of inputs since the shaper began, at most SHAPER_TICKS; 0 before the first input */
   uint16_t age;

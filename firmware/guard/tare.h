@@ -32,7 +32,7 @@ typedef struct {
   uint16_t low;
   uint16_t high;
   uint16_t count;    /* number of ADC codes that were added to `sum` */
-  uint8_t averaging; /* value of tare_averaging at the start of the measurement */
+  uint8_t averaging; /* value of the object tare_averaging at the start of the tare measurement */
   uint8_t running;
   /* 1 if the measurement is complete; the tare tare_q8 becomes active between two ticks */
   uint8_t found;

@@ -44,8 +44,8 @@ typedef struct {
   /* record of the newest complete incident. Its field `magic` is RECORD_NONE if there is no
    * incident, or if this incident was cleared */
   record_t record;
-  record_t before;      /* record of an earlier incident; it is used if `record` is damaged */
-  uint32_t samples_crc; /* CRC-32 of the samples of `record` */
+  record_t before; /* archived record of an earlier incident; it is used if `record` is damaged */
+  uint32_t samples_crc; /* CRC-32 of the samples of the incident in `record` */
   uint32_t sequence;    /* highest sequence number of all records */
   uint32_t bytes;       /* size in bytes of the largest incident that can occur */
   /* address at which the next incident is written; ARCHIVE_NOWHERE if there is no room for it until

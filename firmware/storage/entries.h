@@ -36,7 +36,7 @@ typedef struct {
 
 entries_t entries_of(const record_t *record);
 
-/* Reads the next entry of the record. Returns false after the last entry. */
+/* Reads the next entry of a record of the parameter store. Returns false after the last entry. */
 bool entries_next(const store_memory_t *memory, const dictionary_t *objects, entries_t *entries,
                   entry_t *entry);
 

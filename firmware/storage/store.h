@@ -99,7 +99,7 @@ typedef struct {
   uint32_t changes[STORE_CHANGES];
   /* number of all changes that were found when the parameter set was loaded */
   uint16_t change_count;
-  uint8_t dropped; /* 1 if at least one change is a STORE_CHANGE_DROPPED */
+  uint8_t dropped; /* 1 if at least one stored value was dropped (STORE_CHANGE_DROPPED) */
   /* present contents of the extra records (cycle programs, counts of parts) */
   store_part_t parts[STORE_PARTS];
   /* for each extra record, address at which the last load has found its bytes; `found_bytes`:
@@ -119,8 +119,9 @@ typedef struct {
   /* kind of the present job of the parameter store: a command of the user, or a write of extra
    * records */
   uint8_t job;
-  uint8_t item;    /* number of the record that the present job is writing */
-  uint8_t items;   /* set, as bits, of the records that the present job writes */
+  uint8_t item; /* number of the record that the present job is writing */
+  /* set, as bits, of the records that the present job of the parameter store writes */
+  uint8_t items;
   uint8_t again;   /* 1 during the second attempt to write the same record, in the other sector */
   uint16_t object; /* number of the object whose entry is programmed next */
   /* first object whose present value is saved; `last`: last object whose present value is saved */

@@ -22,7 +22,7 @@ typedef struct {
   bool is_force;
 } channel_t;
 
-/* The error sentence that iio_open() returned last. */
+/* The sentence about an error that iio_open() has returned last. */
 static char message[2 * PATH_BYTES];
 
 /* Reads a decimal number from 0 to `most`, and moves *text to the first character after the
