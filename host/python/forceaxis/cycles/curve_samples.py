@@ -99,7 +99,7 @@ class CurveCounts:
     rate_hz: float
     position: Integers
     force: Integers  # in 1/256 count
-    defect: Integers  # VALID, or the reason why a sample is not valid
+    defect: Integers  # for each sample: VALID, or the reason why the sample is not valid
     # number of the phase of each sample; None: the conditions of the cycle program decide
     phase: Integers | None
     is_interpolated: bool  # True if the position was interpolated at the times of the force
