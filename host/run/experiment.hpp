@@ -182,19 +182,17 @@ struct Criterion {
         field(&Criterion::position_ripple_max_count,
               ranged("position_ripple_max_count", D::count, 0.0, 1e12, "not checked",
                      "Largest peak-to-peak ripple of the encoder, in counts.")),
-        field(
-            &Criterion::position_error_max_count,
-            ranged("position_error_max_count", D::count, 0.0, 1e12, "not checked",
-                   "Largest distance from the last position set-point to the mean position in the "
-                   "window, in counts of the encoder.")),
+        field(&Criterion::position_error_max_count,
+              ranged("position_error_max_count", D::count, 0.0, 1e12, "not checked",
+                     "Largest distance of the mean position in the window from the last set-point, "
+                     "in counts.")),
         field(&Criterion::held_force_error_max_N,
               ranged("held_force_error_max_N", D::force, 0.0, 1e9, "not checked",
                      "Largest difference between the mean force in the window and the set-point.")),
-        field(
-            &Criterion::held_force_error_max_percent,
-            ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
-                   "Largest difference between the mean force in the window and the set-point, in "
-                   "percent of the set-point.")),
+        field(&Criterion::held_force_error_max_percent,
+              ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
+                     "Largest error of the mean force in the window, in percent of the force "
+                     "set-point.")),
         field(&Criterion::overshoot_max_percent,
               ranged("overshoot_max_percent", D::ratio, 0.0, 1e9, "not checked",
                      "Largest excess of the force over the last set-point, in percent of the "
@@ -211,9 +209,8 @@ struct Criterion {
                      "set-point.")),
         field(&Criterion::contact_losses_max,
               ranged("contact_losses_max", D::count, 0.0, 1e9, "not checked",
-                     "Largest number of contact losses over the complete run, counted for the "
-                     "contacts of "
-                     "contact_held or else for all contacts.")),
+                     "Largest number of losses of the contacts of contact_held, or of all "
+                     "contacts, in the run.")),
         field(&Criterion::saturated_max_s,
               ranged("saturated_max_s", D::time, 0.0, kLongestRun_s, "not checked",
                      "Longest total time of the DAC code at an end of its range, over the complete "
