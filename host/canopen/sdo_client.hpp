@@ -75,7 +75,7 @@ class SdoClient {
   bool toggle_ = false;
   // Length of the upload in bytes, if the server has announced this length.
   std::optional<std::uint32_t> size_;
-  std::vector<std::uint8_t> data_;  // upload: data received so far; download: all data
+  std::vector<std::uint8_t> data_;  // SDO upload: data received until now; SDO download: all data
   std::size_t sent_ = 0;
   SdoResult result_;
 };

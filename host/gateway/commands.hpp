@@ -21,8 +21,7 @@ class GatewayCommands {
  private:
   // The answer to a command of a client. A command in progress has an Answer with kind 0.
   struct Answer {
-    std::int64_t kind = 0;  // kind of the answer to the command; 0: the command is still in
-                            // progress
+    std::int64_t kind = 0;  // kind of the answer to the command; 0: there is no answer yet
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;

@@ -108,8 +108,10 @@ class PlantSide {
 
   // Number of ticks between two calls of the function options.stop.
   static constexpr std::int64_t kTicksBetweenAsking = 1024;
-  static constexpr std::uint8_t kEnabled = 1;   // same value as AXIS_DIGITAL_INPUTS_ENABLE
-  static constexpr std::uint8_t kNoFault = 0;   // same value as AXIS_FAULT_NONE
+  static constexpr std::uint8_t kEnabled = 1;  // has the same value as AXIS_DIGITAL_INPUTS_ENABLE
+                                               // of the firmware
+  // has the same value as AXIS_FAULT_NONE of the firmware
+  static constexpr std::uint8_t kNoFault = 0;
   static constexpr std::uint8_t kOldest = 255;  // largest age in LinkInputs
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }

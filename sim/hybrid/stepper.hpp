@@ -92,7 +92,8 @@ class Stepper {
  private:
   // Result of a search for the next change of a switch.
   struct Progress {
-    double passed = 0.0;  // time in ticks by which the step has advanced the state
+    // time in ticks by which the last step has advanced the state of the plant
+    double passed = 0.0;
     bool changed = false;
     Detector::Change next;  // next change of a switch; valid if `changed` is true
   };

@@ -29,7 +29,8 @@ constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
 // half-widths of the resonance.
 constexpr double kPointsPerSide = 42;
 constexpr Extended kFarthestHalfWidths = 25;
-constexpr double kDampingMax = 0.3;  // roots with a larger damping ratio need no denser grid
+constexpr double kDampingMax = 0.3;  // near roots with a larger damping ratio the frequency grid
+                                     // need not be denser
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // value of |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole

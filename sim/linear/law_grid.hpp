@@ -56,7 +56,7 @@ struct LoopFigures {
   /// grid, and half the tick rate if |T| is above at the last one.
   double fT_hz;
   double Ms;                ///< largest magnitude of the sensitivity function, |S|
-  double gain_margin;       ///< gain margin as a factor; infinity if the loop has none
+  double gain_margin;       ///< gain margin as a factor; infinity if no larger gain is unstable
   double phase_margin_rad;  ///< phase margin with the smallest magnitude; infinity if |L| reaches 1
                             ///< at no frequency
 };

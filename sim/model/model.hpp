@@ -77,7 +77,7 @@ struct InputError : std::runtime_error {
   /// Path of the key with the error, such as parameters.m_r.value or body[1].mass. Entries of a
   /// list are counted from 0.
   std::string key;
-  std::string message;  ///< text of the message after the file name and the key
+  std::string message;  ///< text of the error message, without the file name and the key
 };
 
 struct Parameter {
