@@ -69,7 +69,7 @@ bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 /* Returns the smallest number of a pressed part whose result waits, or 0 if no result waits. */
 uint32_t cycle_results_oldest(const cycle_results_t *results);
 
-/* Returns true if the result of a part that is not good waits for its acknowledgement. */
+/* Returns true if the result of a bad or aborted pressed part waits for its acknowledgement. */
 bool cycle_results_have_failed(const cycle_results_t *results);
 
 #endif

@@ -173,7 +173,7 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // index of the signal that ForceTask::signal names
+  std::size_t task_place_ = 0;      // index of the force signal, which ForceTask::signal names
   std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;

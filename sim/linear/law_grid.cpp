@@ -504,7 +504,8 @@ namespace {
 // to -1 at some gain of the law.
 struct LowEnd {
   std::size_t points = 0;  // number of points of the frequency grid that belong to the low range
-  double least_gain = 0;   // above this gain, |S| is within its bound in the whole low range
+  double least_gain = 0;  // above this gain, |S| is within its bound at all points of the low range
+                          // of frequencies
 };
 
 // `share` has the same meaning as in first_root(). A loop whose phase begins below -180 degrees is

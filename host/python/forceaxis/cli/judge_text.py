@@ -139,7 +139,7 @@ def shown(key: str, lines: list[str]) -> Rows:
 def rows(
     judged: Judged, statistics: PartStatistics, drift: Drift, proposal: Proposal | None
 ) -> Rows:
-    """Return the rows (key, text) about evaluated curves."""
+    """Return the rows (key, text) about the evaluation of recorded curves."""
     rates = sorted({part.rate_hz for part in judged.parts})
     found = [
         ("program", f"{judged.program}: {judged.title}"),
