@@ -13,7 +13,7 @@
 
 #include "firmware/app/fw_state.h"
 
-/* Sets the state of the curve at power-up: there is no curve. */
+/* Sets the state of the recorded curve at power-up: there is no curve. */
 void curves_init(fw_t *fw);
 
 /* Adds the newly evaluated samples to the curve. The travel of a point of the curve is the same

@@ -196,7 +196,7 @@ static int remove_program(fw_t *fw, uint32_t number) {
   return FW_OK;
 }
 
-/* Adds the cycle program in the staging area to the library. */
+/* Adds the cycle program that was received in the staging area to the library of cycle programs. */
 static int accept(fw_t *fw, uint32_t size) {
   const int refusal = refusal_of_change(fw);
   if (refusal != FW_OK) {

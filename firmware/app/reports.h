@@ -28,7 +28,7 @@ enum {
 enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
-  /* Each of the other factors is 0 or 1, so every term of the sum has its own bits. */
+  /* All signals except gain_halvings are 0 or 1, so every term of the sum has its own bits. */
   return (
       uint8_t)(signals->contact * REPORTS_CONTACT + signals->force_saturated * REPORTS_SATURATED +
                signals->limit_cycle * REPORTS_LIMIT_CYCLE +

@@ -70,7 +70,7 @@ static void show_counts(fw_t *fw) {
   signals->cycle_bad_in_row = (uint16_t)counts->bad_in_row;
 }
 
-/* Clears a result. Its number becomes 0: it belongs to no pressed part. */
+/* Clears the result of a pressed part. Its part number becomes 0: it is no result then. */
 static void clear_part(cycle_part_t *part) {
   part->number = 0;
   part->power_up = 0;
@@ -207,7 +207,7 @@ void results_show_store(fw_t *fw) {
 }
 
 static void count_part(results_counts_t *counts, uint8_t verdict) {
-  /* No part has the number 0, so the numbers wrap from UINT32_MAX to 1. */
+  /* No pressed part has the number 0, so the number after UINT32_MAX is 1. */
   counts->number = (counts->number == UINT32_MAX) ? 1 : counts->number + 1;
   counts->parts[verdict] += 1;
   counts->bad_in_row = (verdict == CYCLE_PART_GOOD)        ? 0

@@ -28,7 +28,7 @@ enum {
   UPDATE_BYTES_MAX = (int)UPDATE_HEAD_BYTES + (int)SLOT_IMAGE_BYTES_MAX
 };
 
-/* First word of the head of an update. */
+/* First word of the head of an update of the firmware. */
 #define UPDATE_MAGIC UINT32_C(0x55584146) /* "FAXU" */
 
 /* update_init() sets the state at power-up. update_show() writes the state of the images to the
@@ -54,7 +54,7 @@ void update_part(fw_t *fw, uint16_t offset, const uint8_t bytes[4]);
 /* Returns FW_OK if the last update is complete. Ends an update that is incomplete. */
 int update_end(fw_t *fw);
 
-/* Ends an update in progress, because another download begins. */
+/* Ends a firmware update in progress, because another download begins. */
 static inline void update_abandon(fw_t *fw) { fw->update.is_receiving = 0; }
 
 /* Executes a command that was written to the object program_control. */

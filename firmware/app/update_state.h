@@ -8,7 +8,7 @@
 
 /* The head of an update. It is in front of the image, and its numbers are little-endian. */
 typedef struct {
-  uint32_t magic;          /* first word of the head, UPDATE_MAGIC */
+  uint32_t magic;          /* first word of the head of an update of the firmware, UPDATE_MAGIC */
   uint32_t address;        /* address for which the image is linked */
   uint32_t length;         /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;            /* CRC-32 of the image */
@@ -24,15 +24,17 @@ enum { UPDATE_HEAD_BYTES = sizeof(update_head_t) };
 
 typedef struct {
   update_head_t head;
-  uint32_t size; /* size of the update in bytes that the client has announced; 0: not announced */
+  /* size in bytes of the firmware update that the client has announced; 0: not announced */
+  uint32_t size;
   uint32_t received;     /* number of received bytes of the update */
   uint32_t crc;          /* CRC-32 of the bytes of the image that were programmed so far */
-  uint32_t tick;         /* tick in which the last bytes were received */
-  uint32_t sequence;     /* sequence number of the running image */
+  uint32_t tick;         /* tick in which the last bytes of the update were received */
+  uint32_t sequence;     /* sequence number of the firmware image that runs */
   uint32_t overrun_tick; /* tick of the last overrun */
-  uint8_t word[4];       /* received bytes of the 32-bit word that is not complete yet */
+  /* received bytes of the last 32-bit word of the update, which is not complete yet */
+  uint8_t word[4];
   uint8_t is_receiving;
-  uint8_t restart_ticks; /* number of ticks until the restart; 0: no restart is due */
+  uint8_t restart_ticks; /* number of ticks until the chip restarts; 0: no restart is due */
 } update_t;
 
 /* Number of ticks without received bytes after which an update ends: 5 s, the same time as in an

@@ -9,7 +9,7 @@ static const struct {
   uint16_t first;
   uint16_t last;
 } restricted[RESTRICTED] = {
-    {0x000, 0x07F},                 /* NMT, and identifiers reserved for safety */
+    {0x000, 0x07F}, /* CAN identifiers of NMT, and identifiers that CiA 301 reserves for safety */
     {0x101, 0x180}, {0x581, 0x5FF}, /* SDO answers from the server */
     {0x601, 0x67F},                 /* SDO requests to the server */
     {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* heartbeats of NMT error control, and reserved identifiers */

@@ -37,7 +37,7 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
-      return; /* only one entry of 1016h monitors the same node */
+      return; /* at most one entry of 1016h monitors a node */
     }
   }
 }

@@ -35,7 +35,7 @@ void pdo_start(canopen_t *canopen, const dictionary_t *objects);
 /* Call pdo_operational() when the node has entered or left the state operational. */
 void pdo_operational(canopen_t *canopen, bool operational);
 
-/* Processes a data frame whose identifier belongs to no other service. */
+/* Processes a received data frame whose identifier belongs to no other service of the node. */
 void pdo_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
 /* pdo_receives() returns true if a valid RPDO has the identifier `id`, and pdo_transmits() if a

@@ -65,7 +65,7 @@ static void abort_transfer(const sdo_request_t *request, uint32_t code) {
   sdo_abort_transfer(request->canopen, request->number, code);
 }
 
-/* Functions for block uploads. */
+/* Functions for SDO block uploads. */
 
 bool sdo_block_begins_upload(uint8_t command) { return command_of(command) == UPLOAD_BEGIN; }
 
@@ -106,7 +106,7 @@ static void begin_block(const sdo_request_t *request, uint32_t offset) {
   sdo_await(request->canopen, request->number);
 }
 
-/* Ends an upload after the client has acknowledged all segments. */
+/* Ends an SDO upload after the client has acknowledged all segments. */
 static void end_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const uint32_t last =
@@ -200,7 +200,7 @@ void sdo_block_tick(canopen_t *canopen, const dictionary_t *objects) {
   }
 }
 
-/* Functions for block downloads. */
+/* Functions for SDO block downloads. */
 
 static void begin_download(const sdo_request_t *request) {
   const uint8_t *data = request->data;
@@ -326,7 +326,7 @@ bool sdo_block_segment(const sdo_request_t *request) {
   const uint8_t head = request->data[0];
   const bool is_repeated = server->state == SDO_BLOCK_RECEIVED &&
                            server->block_size == VALUE_BLOCK && head == (LAST | VALUE_BLOCK);
-  /* No segment has the number 0, so a frame with this number is an abort. */
+  /* No segment of an SDO block has the number 0, so a frame with this number is an abort. */
   if ((server->state != SDO_BLOCK_AWAITED && !is_repeated) || head == LAST) {
     return false;
   }

@@ -23,7 +23,7 @@ enum { SDO_BLOCK_FRAMES = 4, SDO_BLOCK_MOST = 127 };
  * not longer than the threshold in the request. */
 bool sdo_block_prefers_segments(const sdo_request_t *request);
 
-/* Answers a request for a block upload, or aborts the transfer. */
+/* Answers a request for an SDO block upload, or aborts the SDO transfer. */
 void sdo_block_offer(const sdo_request_t *request);
 
 /* Returns true if a request with the command specifier of a block upload begins a new upload. */
@@ -32,7 +32,7 @@ bool sdo_block_begins_upload(uint8_t command);
 /* Processes a request within a block upload: the start, an acknowledgement or the end. */
 void sdo_block_upload(const sdo_request_t *request);
 
-/* Processes a request that begins or ends a block download. */
+/* Processes a request that begins or ends an SDO block download. */
 void sdo_block_download(const sdo_request_t *request);
 
 /* Processes a segment of a block download. Returns false if the frame is not a segment, but a

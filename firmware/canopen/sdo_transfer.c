@@ -7,7 +7,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifier of an abort message. */
+/* Command specifier of an SDO abort message. */
 enum { SERVER_ABORT = 0x80 };
 
 /* The two COB-IDs of one SDO server: the COB-ID of its requests and the COB-ID of its answers. */

@@ -15,7 +15,8 @@
 #define SDO_ABORT_TIMEOUT UINT32_C(0x05040000) /* the client sent no request for SDO_TIMEOUT_MS */
 /* The request does not match the state of the transfer, or its command is unknown. */
 #define SDO_ABORT_COMMAND UINT32_C(0x05040001)
-#define SDO_ABORT_BLOCK_SIZE UINT32_C(0x05040002) /* the block size is not 1 to 127 */
+/* the number of segments in an SDO block is not 1 to 127 */
+#define SDO_ABORT_BLOCK_SIZE UINT32_C(0x05040002)
 /* The number of a received or acknowledged segment is wrong. */
 #define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)
 #define SDO_ABORT_CRC UINT32_C(0x05040004)
@@ -29,7 +30,7 @@
 #define SDO_ABORT_MAPPING UINT32_C(0x06040041) /* the object cannot be mapped into this PDO */
 /* The mapped objects together are longer than a PDO. */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042)
-/* Two heartbeat consumers would monitor the same node. */
+/* Reason of a refusal: two heartbeat consumers would monitor the same node. */
 #define SDO_ABORT_PARAMETER UINT32_C(0x06040043)
 /* the axis has no memory for parameters or programs */
 #define SDO_ABORT_HARDWARE UINT32_C(0x06060000)
@@ -42,15 +43,16 @@
 #define SDO_ABORT_VALUE UINT32_C(0x06090030)
 #define SDO_ABORT_TOO_HIGH UINT32_C(0x06090031)
 #define SDO_ABORT_TOO_LOW UINT32_C(0x06090032)
-#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* the value is neither "save" nor "load" */
-#define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another command source owns the axis */
+/* the written value is neither "save" nor "load" */
+#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020)
+#define SDO_ABORT_LOCKED UINT32_C(0x08000021) /* another command source owns the axis */
 /* The present state of the axis, the recorder, the PDO or the parameter store does not permit the
  * access. */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)
 /* There is no complete recording and no curve, or the entry of the error history is empty. */
 #define SDO_ABORT_NO_DATA UINT32_C(0x08000024)
 
-/* Longest time in ms between two requests of a client in the same transfer. */
+/* Longest time in ms between two requests of an SDO client in the same transfer. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
 enum { SDO_SEGMENT_BYTES = 7 };
@@ -105,7 +107,7 @@ uint16_t sdo_index(const uint8_t *data);
 /* Prepares the download that begins with this request. Returns 0 or an abort code. */
 uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size);
 
-/* Appends the next bytes of a download. Returns 0 or an abort code. */
+/* Appends the next bytes of an SDO download. Returns 0 or an SDO abort code. */
 uint32_t sdo_take(const sdo_request_t *request, const uint8_t *bytes, uint32_t count);
 
 /* Checks the announced size of a download in bytes. Returns 0 or an abort code. */

@@ -67,21 +67,21 @@ enum {
   SDO_IDLE,
   SDO_DOWNLOAD,
   SDO_UPLOAD,
-  SDO_BLOCK_OFFERED,  /* server waits for the client to start the block upload */
-  SDO_BLOCK_SENDING,  /* server sends the segments of a block */
-  SDO_BLOCK_SENT,     /* server waits for the client to acknowledge the block */
-  SDO_BLOCK_ENDED,    /* server waits for the client to confirm the end of the upload */
-  SDO_BLOCK_AWAITED,  /* server waits for a segment from the client */
-  SDO_BLOCK_RECEIVED, /* server waits for the client to end the block download */
+  SDO_BLOCK_OFFERED,  /* the SDO server waits for the client to start the block upload */
+  SDO_BLOCK_SENDING,  /* the SDO server sends the segments of a block */
+  SDO_BLOCK_SENT,     /* the SDO server waits for the client to acknowledge the block */
+  SDO_BLOCK_ENDED,    /* the SDO server waits for the client to confirm the end of the upload */
+  SDO_BLOCK_AWAITED,  /* the SDO server waits for a segment from the client */
+  SDO_BLOCK_RECEIVED, /* the SDO server waits for the client to end the block download */
 };
 
 /* State of an SDO transfer in progress. An expedited transfer needs no such state. */
 typedef struct {
-  uint32_t size;        /* upload: size of all data in bytes; download: announced size in bytes */
+  uint32_t size; /* SDO upload: size of all data in bytes; SDO download: announced size in bytes */
   uint32_t offset;      /* number of bytes that have been transferred so far */
   uint32_t block_begin; /* block upload: offset in bytes at which the present block begins */
   uint32_t crc_end;     /* block upload: number of uploaded bytes that `crc` includes */
-  uint32_t limit;       /* download: largest permitted number of bytes */
+  uint32_t limit;       /* SDO download: largest permitted number of bytes */
   uint16_t index;
   uint16_t object; /* download: number (AXIS_OBJ_) of the object */
   uint16_t crc;
@@ -91,7 +91,7 @@ typedef struct {
    * `data` */
   uint8_t what;
   uint8_t state;      /* state of the server, SDO_ */
-  uint8_t toggle;     /* toggle bit of the next segment */
+  uint8_t toggle;     /* toggle bit of the next SDO segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
   uint8_t replaced;   /* 1: a domain is being uploaded, and its bytes are lost */
   uint8_t with_crc;   /* 1: the client requests a CRC for the block transfer */
@@ -119,7 +119,7 @@ typedef struct {
   uint8_t next_rate;
   uint8_t node_id; /* node id after the next reset of communication, or LSS_NO_NODE_ID */
   uint8_t fixed;   /* 1: the board fixes the node id, so that LSS cannot change it */
-  uint8_t state;   /* state of LSS (CiA 305): waiting or configuration */
+  uint8_t state;   /* state of the LSS slave (CiA 305): waiting or configuration */
   /* number of parts of the LSS address that have matched in the command `switch state selective` */
   uint8_t selected;
   /* number of parts of the LSS address that have matched in the command `identify remote slave` */
@@ -167,7 +167,7 @@ typedef struct canopen {
   uint8_t tpdos_watched;   /* set of the TPDOs that are sent when their values change */
   uint8_t tpdos_timed;     /* set of the TPDOs that are sent at their event_tick at the latest */
   uint8_t tpdos_inhibited; /* set of the TPDOs that are not sent before their inhibit_tick */
-  uint8_t sdos_sending;    /* set of the SDO servers that have segments of a block to send */
+  uint8_t sdos_sending;    /* set of the SDO servers that still have to send segments of a block */
   uint8_t sync_reported;   /* 1: error code 8240h was reported since the last correct SYNC */
   uint8_t bus;             /* state of the CAN bus, CAN_BUS_ */
   uint8_t reset;           /* reset (CANOPEN_RESET_) that the firmware has not yet fetched */

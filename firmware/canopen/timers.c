@@ -36,8 +36,8 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      /* This is the slot that is checked now if the timer expires a multiple of the number of slots
-       * later. */
+      /* The timer does not expire yet, so it stays in the timer list: in this slot, if the
+       * remaining time is a multiple of the number of slots. */
       *canopen_timer_slot(timers, at) |= bit;
     }
   }

@@ -117,7 +117,7 @@ static inline void put_out(axis_signals_t *signals, int32_t output_q16) {
   signals->dac_code = (int16_t)fx_code_from_q16(output_q16);
 }
 
-/* Gives the code of this tick to the drive, and enables it. */
+/* Outputs the DAC code of this tick and switches the amplifier on. */
 static inline void switch_on(const axis_signals_t *restrict signals,
                              axis_outputs_t *restrict outputs) {
   outputs->dac_code = signals->dac_code;
@@ -293,7 +293,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   assert_after_tick(axis, outputs);
 }
 
-/* Computes the values that follow from the parameters of the output. */
+/* Computes the limits and the bias of the output from the parameters output_limit, output_bias and
+ * dac_bits. */
 static void derive_output(axis_t *axis) {
   const int32_t most_q16 = fx_scale(axis->params.output_limit, 16);
   axis->step_mask = fx_step_mask(axis->params.dac_bits);

@@ -98,7 +98,8 @@ typedef struct {
   /* value of output_bias in 1/65536 code, rounded to the resolution of dac_bits and limited to
    * output_limit */
   int32_t bias_q16;
-  /* last output beside bias_q16, in 1/65536 code; 0 while disabled, or stopped by an end */
+  /* last output without bias_q16, in 1/65536 code; 0 while the axis is disabled or stopped at an
+   * end of its travel */
   int32_t net_q16;
   /* Ranges of DAC codes. Each is a range of the command, to which the output bias is added
    * afterwards. free_codes: range of the output in a tick without contact. */
@@ -133,8 +134,8 @@ typedef struct {
    * last tick */
   uint8_t position_age;
   uint8_t force_age;
-  /* remainder, in encoder counts, that the computation of the velocity adds to the next velocity;
-   * its magnitude is below 256 */
+  /* remainder of the last division that computed the velocity, in encoder counts; it is added to
+   * the next velocity, and its magnitude is below 256 */
   int16_t velocity_rest_cnt;
 } axis_t;
 

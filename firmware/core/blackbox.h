@@ -21,8 +21,10 @@
 #include "firmware/objects/generated/axis_objects_drive.h"
 
 enum {
-  BLACKBOX_BEFORE = 1500, /* number of samples before the error: 1 s */
-  BLACKBOX_AFTER = 30,    /* number of samples from the tick of the error on: 20 ms */
+  /* number of samples that the black box keeps from before the error: 1 s */
+  BLACKBOX_BEFORE = 1500,
+  /* number of samples that the black box takes from the tick of the error on: 20 ms */
+  BLACKBOX_AFTER = 30,
   BLACKBOX_SAMPLES = BLACKBOX_BEFORE + BLACKBOX_AFTER
 };
 

@@ -12,7 +12,7 @@
 #include "firmware/objects/generated/axis_objects_axis.h"
 
 typedef struct {
-  uint32_t random;    /* state of the noise generator */
+  uint32_t random;    /* state of the generator of pseudo-random noise */
   uint32_t phase_q32; /* phase of the sine in 2^-32 turn */
   /* increase of the frequency of the chirp since its start, in 2^-32 turn per tick, modulo 1 turn
    * per tick */

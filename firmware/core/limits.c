@@ -21,8 +21,8 @@ static int32_t clamp_law(axis_t *axis, int32_t command_q16) {
 int32_t limits_bound(axis_t *axis, int32_t command_q16) {
   fx_assert(axis->bounded != 0 && axis->bounded <= AXIS_BOUNDED_TICKS);
   const axis_codes_t codes = codes_of(axis);
-  /* No code that is computed in this tick is output in a later tick, so the ranges have no effect
-   * in the next tick. */
+  /* The DAC code of this tick is output at once. So the ranges of this tick are not needed in the
+   * next tick. */
   axis->bounded = 0;
   return clamp_to(clamp_law(axis, command_q16), codes);
 }

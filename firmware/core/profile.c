@@ -9,7 +9,7 @@ void profile_step(profile_t *profile, int32_t target_cnt, uint32_t velocity_max_
   const int32_t v = negative ? -profile->velocity_q16 : profile->velocity_q16;
   const int32_t most = (int32_t)velocity_max_q16;
   const int32_t a = (int32_t)acceleration_max_q16;
-  /* If the present speed is above the velocity limit, the profile brakes. */
+  /* If the present speed is above the velocity limit, the profile slows down. */
   const int32_t wanted = (v > most) ? 0 : ((most - v < a) ? most : v + a);
   const int32_t next = profile_next_speed(d, v, wanted, most, a, a);
   profile->velocity_q16 = negative ? -next : next;

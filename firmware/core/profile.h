@@ -23,7 +23,7 @@ typedef struct {
   int32_t velocity_q16;  /* velocity of the profile in Q16 counts per tick, |v| <= 2^27 */
 } profile_t;
 
-/* Sets the profile to standstill at the position `position_cnt`. */
+/* Sets the speed profile to standstill at the position `position_cnt`. */
 static inline void profile_set(profile_t *profile, int32_t position_cnt) {
   profile->position_q32 = fx_q32_from_cnt(position_cnt);
   profile->velocity_q16 = 0;

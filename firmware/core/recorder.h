@@ -33,7 +33,7 @@ enum { RECORDER_CHANNELS = 8 };
 typedef struct {
   uint16_t offset; /* offset of the value in bytes from the start of the structure */
   uint8_t type;    /* type of the value, AXIS_TYPE_ */
-  uint8_t bytes;   /* size of the value in bytes, set by recorder_arm() */
+  uint8_t bytes;   /* size in bytes of the recorded value; recorder_arm() sets it */
 } recorder_channel_t;
 
 typedef struct {
@@ -44,8 +44,8 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
-  /* number of first channels whose values can be copied as 4 bytes without a write beyond the end
-   * of the sample */
+  /* number of channels, from the first on, whose values can be copied as 4 bytes without a write
+   * beyond the end of the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
   /* 1 if the field trigger_previous contains the value of the trigger signal in the last tick */
@@ -59,7 +59,7 @@ typedef struct {
   uint32_t trigger_flip;
   uint32_t trigger_level;
   uint32_t trigger_previous;
-  uint16_t decimation_remaining; /* number of ticks until the next sample */
+  uint16_t decimation_remaining; /* number of ticks until the recorder takes its next sample */
   uint32_t write_index;          /* index of the next sample in the ring buffer, 0..capacity-1 */
   uint32_t first_index;          /* index of the oldest sample in the ring buffer */
   /* number of samples after the trigger that the recorder still has to store */

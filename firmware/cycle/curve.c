@@ -40,7 +40,7 @@ static uint32_t doubled(uint32_t step) {
 static void thin(cycle_curve_t *curve) {
   cycle_curve_point_t *points = curve->points;
   uint32_t kept = 0;
-  /* phase number of the point that precedes the two points that are compared */
+  /* phase number of the curve point before the two points that are compared */
   uint8_t phase = phase_of(points);
   for (uint32_t i = 0; i < curve->count; i += 2) {
     const uint32_t second = (i + 1 < curve->count) ? i + 1 : i;

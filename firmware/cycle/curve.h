@@ -57,9 +57,9 @@ typedef struct {
   cycle_curve_point_t *points;
   uint32_t bytes;      /* size of the memory in bytes; 0: no curve is recorded */
   uint32_t count;      /* number of points of the curve */
-  uint32_t begin_tick; /* tick that is time 0 of the curve */
+  uint32_t begin_tick; /* tick at which the time of the curve is 0 */
   cycle_curve_steps_t steps;
-  cycle_curve_point_t last; /* the last sample; valid only if the curve has a point */
+  cycle_curve_point_t last; /* the last sample of the curve; valid only if the curve has a point */
   uint8_t thinned;          /* number of times that the curve was thinned, at most 255 */
   /* 1 after travel 0, the origin of the travel, was found in this cycle */
   uint8_t zeroed;

@@ -38,7 +38,7 @@ static void begin_tare(cycle_t *cycle, const cycle_inputs_t *now) {
   cycle->tare_ticks = 0;
 }
 
-/* Begins a phase with the action FOLLOW, TARE or OUTPUT. */
+/* Begins a phase of a cycle with the action FOLLOW, TARE or OUTPUT. */
 static void begin_action(cycle_t *cycle, const cycle_phase_t *phase, const cycle_inputs_t *now) {
   if (phase->action == CYCLE_FOLLOW) {
     const cycle_point_t *last = &cycle_points(cycle->program)[phase->first + phase->points - 1];
@@ -209,8 +209,8 @@ static bool has_stiffness(const cycle_t *cycle, const cycle_condition_t *conditi
   return (condition->when == CYCLE_STIFFNESS_ABOVE) ? change >= bound : change <= bound;
 }
 
-/* Returns the depth in this tick. It is computed only once in a tick, and only if a condition needs
- * it. */
+/* Returns the depth of the press in this tick. It is computed only once in a tick, and only if a
+ * condition needs it. */
 static int32_t depth_now(cycle_t *cycle, const cycle_inputs_t *now) {
   if (cycle->has_depth == 0) {
     cycle->has_depth = 1;

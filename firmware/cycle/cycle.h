@@ -70,12 +70,12 @@ typedef struct {
 
 typedef struct {
   const cycle_header_t *program; /* selected cycle program; NULL: no program is selected */
-  uint32_t phase_ticks;          /* number of ticks since the phase began */
+  uint32_t phase_ticks;          /* number of ticks since the present phase of the cycle began */
   uint32_t begin_tick;           /* tick in which the cycle started */
-  uint32_t last_tick;            /* tick in which the last sample was taken */
+  uint32_t last_tick;            /* tick in which the last sample of the cycle was measured */
   /* number of ticks without a valid sample, in phases whose samples affect the verdict */
   uint32_t invalid_ticks;
-  int32_t start_cnt; /* position at the start of the present phase */
+  int32_t start_cnt; /* position at the start of the present phase of the cycle */
   /* position of travel 0, the origin of the travel; until it is found, the position at the start
    * of the cycle */
   int32_t zero_cnt;
@@ -121,7 +121,7 @@ typedef struct {
   uint8_t written;
   uint8_t evaluated;
   uint8_t state; /* state of the cycle, CYCLE_IDLE to CYCLE_DONE */
-  uint8_t phase; /* number of the running phase, or of the last phase */
+  uint8_t phase; /* number of the running phase of the cycle, or of the last one */
   /* how the cycle ended: CYCLE_BY_PROGRAM to CYCLE_CHANGED */
   uint8_t outcome;
   /* number of the phase in which the cycle failed. It has failed when a limit was exceeded for the
@@ -157,7 +157,8 @@ void cycle_start(cycle_t *cycle, const cycle_header_t *program, const cycle_inpu
 
 static inline bool cycle_is_running(const cycle_t *cycle) { return cycle->state == CYCLE_RUNNING; }
 
-/* Returns the present phase. Call this function only while the cycle is running. */
+/* Returns the present phase of the cycle program. Call this function only while the cycle is
+ * running. */
 static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
   return &cycle_phases(cycle->program)[cycle->phase];
 }
@@ -166,7 +167,8 @@ static inline const cycle_phase_t *cycle_phase(const cycle_t *cycle) {
  * tick. */
 bool cycle_step(cycle_t *cycle, const cycle_inputs_t *now);
 
-/* Ends a running cycle in its present phase, with the given outcome. */
+/* Ends a running cycle before the end of its program, in its present phase and with the given
+ * outcome. */
 void cycle_end(cycle_t *cycle, uint8_t outcome);
 
 /* Ends a running cycle as CYCLE_STOPPED. If the cycle was aborted before its first tick, it has not

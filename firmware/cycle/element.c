@@ -266,7 +266,7 @@ static void begin_piece(const cycle_element_t *element, cycle_element_state_t *s
   }
 }
 
-/* Returns the x value of a sample: its travel, or the time since the element began. */
+/* Returns the x value of a sample: its travel, or the time since the evaluation element began. */
 static int32_t x_of(const cycle_element_t *element, const cycle_element_state_t *state,
                     const cycle_sample_t *sample) {
   if (element->over_time == 0) {

@@ -108,22 +108,26 @@ typedef struct {
  * value. */
 enum {
   CYCLE_GOOD = 0,
-  CYCLE_BELOW = 1, /* the value is below y_least, or the curve below the envelope */
-  CYCLE_ABOVE = 2, /* the value is above y_most, or the curve above the envelope */
-  /* kind WINDOW: the curve crossed a side that is not permitted; kind LAST: x is outside of its
-   * bounds */
+  /* verdict: the value of the element is below y_least, or the curve is below the envelope */
+  CYCLE_BELOW = 1,
+  /* verdict: the value of the element is above y_most, or the curve is above the envelope */
+  CYCLE_ABOVE = 2,
+  /* verdict: the curve crossed a side of the window that is not permitted (kind WINDOW), or x is
+   * outside of its bounds (kind LAST) */
   CYCLE_WRONG_SIDE = 3,
-  CYCLE_AGAIN = 4, /* kind WINDOW: the curve entered or left the window more than once */
-  /* the element has no value: there was no sample or no crossing, or the curve ended too early */
+  CYCLE_AGAIN = 4, /* verdict: the curve entered or left the window more than once (kind WINDOW) */
+  /* verdict: the element has no value, because there was no sample or no crossing, or the curve
+   * ended too early */
   CYCLE_NOT_REACHED = 5,
   CYCLE_ABORTED = 6,
   CYCLE_VERDICTS = 7
 };
 
 typedef struct {
-  /* kind WORK: twice the sum; its unit is 1/256 count of force times one count or one tick of x */
+  /* kind WORK: twice the integral of the force over x, in 1/256 count of force times one count or
+   * one tick of x */
   int64_t sum;
-  uint32_t begin_tick; /* tick of the first sample that the element has evaluated */
+  uint32_t begin_tick; /* tick of the first sample that the evaluation element has evaluated */
   uint32_t last_tick;
   uint32_t found_tick; /* tick of the sample that gave the value */
   int32_t x;           /* x value of the last sample */
@@ -132,10 +136,10 @@ typedef struct {
   int32_t x_seen_most;
   int32_t value;
   int32_t value_2;     /* kind DIFFERENCE: value at the crossing of level_2 */
-  uint8_t has_sample;  /* 1 after the first sample of the element */
+  uint8_t has_sample;  /* 1 after the first sample that the evaluation element has evaluated */
   uint8_t found;       /* bit 0 is 1 if `value` was found, and bit 1 is 1 if value_2 was found */
-  uint8_t crossings;   /* number of crossings of `level` so far, at most 255 */
-  uint8_t crossings_2; /* number of crossings of level_2 so far, at most 255 */
+  uint8_t crossings;   /* number of times that the curve has crossed `level` so far, at most 255 */
+  uint8_t crossings_2; /* number of times that the curve has crossed level_2 so far, at most 255 */
   /* kind WINDOW: number of times that the curve entered the window, at most 255; `exits`: number of
    * times that it left the window */
   uint8_t entries;
@@ -149,7 +153,8 @@ typedef struct {
 } cycle_element_state_t;
 
 typedef struct {
-  int32_t value; /* value that is compared with y_least and y_most; 0 if there is no value */
+  /* value of the evaluation element, which is compared with y_least and y_most; 0 if none */
+  int32_t value;
   /* tick of the sample that gave the value; for a line, tick of the sample at its end */
   uint32_t found_tick;
   uint8_t verdict;
@@ -169,7 +174,7 @@ void cycle_element_begin(cycle_element_state_t *state);
 void cycle_element_take(const cycle_element_t *element, const cycle_point_t *points,
                         cycle_element_state_t *state, const cycle_sample_t *sample);
 
-/* Returns the result of the element as if the cycle ended now. */
+/* Returns the result that the evaluation element would have if the cycle ended now. */
 cycle_element_result_t cycle_element_result(const cycle_element_t *element,
                                             const cycle_element_state_t *state);
 

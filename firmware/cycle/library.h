@@ -40,7 +40,8 @@ void cycle_library_init(cycle_library_t *library, void *memory, uint32_t bytes);
  * records are removed too. Returns the number of removed bytes. */
 uint32_t cycle_library_restore(cycle_library_t *library, uint32_t bytes);
 
-/* Begins a record in the staging area. Bytes that were staged before are discarded. */
+/* Begins the record of a new cycle program in the staging area. The previous contents of the
+ * staging area are discarded. */
 void cycle_library_begin(cycle_library_t *library);
 
 /* Copies `count` bytes to an offset of the record in the staging area. If bytes before this offset
@@ -57,7 +58,7 @@ cycle_check_t cycle_library_accept(cycle_library_t *library, uint32_t size);
  */
 const cycle_header_t *cycle_library_find(const cycle_library_t *library, uint32_t number);
 
-/* Returns the program at the position `place` in the library, 0 .. count - 1. */
+/* Returns the cycle program with the index `place`, 0 .. count - 1, in the library. */
 const cycle_header_t *cycle_library_at(const cycle_library_t *library, uint8_t place);
 
 /* Removes the cycle program with the number `number`. Returns false if the library has no such

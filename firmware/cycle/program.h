@@ -173,7 +173,7 @@ typedef struct {
   /* CRC of the filter bank for which the cycle program was made; 0: the program permits every bank
    */
   uint32_t bank_crc;
-  uint32_t number;  /* number that the user has given to the program */
+  uint32_t number;  /* number that the user has given to the cycle program */
   uint8_t name[12]; /* name of the program as text, filled with zeros */
   /* force or position that defines travel 0 (see `zero`); 0 for CYCLE_ZERO_TOUCH, not 0 for
    * CYCLE_ZERO_FORCE */
@@ -191,20 +191,24 @@ typedef struct {
  * phase or evaluation element. */
 enum {
   CYCLE_ACCEPTED = 0,
-  CYCLE_NO_PROGRAM = 1,    /* the record is too short, or does not begin with CYCLE_MAGIC */
-  CYCLE_OTHER_VERSION = 2, /* the version of the layout of the record is not supported */
-  CYCLE_WRONG_SIZE = 3,    /* the size does not match the numbers of phases, elements and points, or
-                            * one of these is too large */
+  /* refusal: the record of the cycle program is too short, or does not begin with CYCLE_MAGIC */
+  CYCLE_NO_PROGRAM = 1,
+  /* refusal: the cycle program has a version of its layout that is not supported */
+  CYCLE_OTHER_VERSION = 2,
+  /* refusal: the size of the cycle program does not match its numbers of phases, elements and
+   * points, or one of these is too large */
+  CYCLE_WRONG_SIZE = 3,
   CYCLE_WRONG_CRC = 4,
   CYCLE_WRONG_PHASE = 5,
   CYCLE_WRONG_ELEMENT = 6,
   CYCLE_BUSY = 7,    /* a cycle is running */
-  CYCLE_NO_ROOM = 8, /* the library has no room for the program */
-  /* the program has the number 0, but a program of the library needs another number */
+  CYCLE_NO_ROOM = 8, /* refusal: the library has no room for the cycle program */
+  /* refusal: the cycle program has the number 0, which is not permitted in the library */
   CYCLE_NO_NUMBER = 9,
   CYCLE_WRONG_ZERO = 10,
-  CYCLE_WRONG_HEADER = 11, /* the header is wrong: compliance, outputs_keep or the reserved byte */
-  CYCLE_LOCKED = 12,       /* the axis accepts no cycle program now */
+  /* refusal: compliance, outputs_keep or the reserved byte of the cycle program is wrong */
+  CYCLE_WRONG_HEADER = 11,
+  CYCLE_LOCKED = 12, /* the axis accepts no cycle program now */
   CYCLE_REASONS = 13
 };
 typedef struct {
@@ -239,10 +243,10 @@ uint16_t cycle_program_judged(const cycle_header_t *program);
  * measured force. */
 typedef struct {
   int32_t force_max_q8; /* largest force_max of all phases */
-  int32_t most_q8;      /* largest force: the largest of 0, zero_level and the levels of
-                         * FORCE_ABOVE */
-  int32_t least_q8;     /* smallest force: the smallest of 0, zero_level and the levels of
-                         * FORCE_BELOW */
+  /* largest force of the program: the largest of 0, zero_level and the levels of FORCE_ABOVE */
+  int32_t most_q8;
+  /* smallest force of the program: the smallest of 0, zero_level and the levels of FORCE_BELOW */
+  int32_t least_q8;
 } cycle_reach_t;
 cycle_reach_t cycle_program_reach(const cycle_header_t *program);
 

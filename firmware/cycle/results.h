@@ -41,20 +41,21 @@ typedef struct {
 
 typedef struct {
   cycle_part_t *parts; /* array of results; an entry with the part number 0 is free */
-  uint8_t room;        /* number of entries of this array, 0 to 255 */
-  uint8_t waiting;     /* number of results that wait for their acknowledgement */
+  uint8_t room;        /* number of elements of this array, 0 to 255 */
+  uint8_t waiting;     /* number of results of pressed parts that wait for their acknowledgement */
 } cycle_results_t;
 
-/* Initialises a memory without results. `memory` begins at a multiple of 4; if `memory` is NULL, no
- * result waits. */
+/* Initialises a memory for results of pressed parts. It is empty then. `memory` begins at a
+ * multiple of 4; if `memory` is NULL, no result waits. */
 void cycle_results_init(cycle_results_t *results, void *memory, uint32_t bytes);
 
-/* Returns true if the memory for results exists but is full. */
+/* Returns true if the memory for the results of pressed parts exists but is full. */
 static inline bool cycle_results_are_full(const cycle_results_t *results) {
   return results->room != 0 && results->waiting == results->room;
 }
 
-/* Copies a result into a free entry of the memory. If there is no free entry, does nothing. */
+/* Copies the result of a pressed part into a free entry of the memory for results. If there is no
+ * free entry, does nothing. */
 void cycle_results_add(cycle_results_t *results, const cycle_part_t *part);
 
 /* Returns the waiting result of the part with the number `number`, from 1 on, or NULL if no result
@@ -68,7 +69,7 @@ bool cycle_results_acknowledge(cycle_results_t *results, uint32_t number);
 /* Returns the smallest number of a pressed part whose result waits, or 0 if no result waits. */
 uint32_t cycle_results_oldest(const cycle_results_t *results);
 
-/* Returns true if a result with a verdict other than good waits. */
+/* Returns true if the result of a bad or aborted pressed part waits for its acknowledgement. */
 bool cycle_results_have_failed(const cycle_results_t *results);
 
 #endif

@@ -6,17 +6,18 @@
  * fractions of the length of the line, this part begins at enter / length and ends at leave /
  * length. */
 typedef struct {
-  /* distance from the begin of the line to the first side that it reaches; 0: the line does not
-   * begin before this side */
+  /* distance from the begin of the straight line to the first of the two sides; 0 if the line
+   * begins behind this side */
   uint32_t enter;
-  /* distance from the begin of the line to the second side; `length`: the line does not end behind
-   * this side */
+  /* distance from the begin of the straight line to the second of the two sides; `length` if the
+   * line ends before this side */
   uint32_t leave;
   uint32_t length;
-  /* side at which the line enters the part; `second`: side at which it leaves the part */
+  /* first of the two opposite sides that the straight line reaches; `second`: the other side */
   uint8_t first;
   uint8_t second;
-  bool is_reached; /* true if at least one point of the line is between the two sides */
+  /* true if at least one point of the straight line is between the two opposite sides */
+  bool is_reached;
 } stretch_t;
 
 /* Two opposite sides of a window: left and right, or lower and upper. */

@@ -30,7 +30,7 @@ typedef struct {
   uint8_t leaves;
 } window_passage_t;
 
-/* Returns true if a point is in the window or on its sides. */
+/* Returns true if a point of the curve is in the window or on the sides of the window. */
 static inline bool window_contains(const window_t *window, const window_point_t *point) {
   return point->x >= window->x_least && point->x <= window->x_most && point->y >= window->y_least &&
          point->y <= window->y_most;

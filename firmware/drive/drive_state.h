@@ -39,9 +39,10 @@ enum { CIA402_SLOWING = 2 };
 /* Number of ticks over which velocity_actual is averaged. */
 enum { CIA402_MEAN_TICKS = 16 };
 
-/* A set-point of profile position mode or of a guarded move. */
+/* A position set-point of profile position mode or of a guarded move (a move that ends at a
+ * contact). */
 typedef struct {
-  int32_t position; /* target position in user units, as the client wrote it */
+  int32_t position; /* target position in user units, as the client has written it */
   uint32_t speed;   /* profile velocity of the set-point in user units per second */
 } cia402_setpoint_t;
 
@@ -171,7 +172,7 @@ typedef struct {
   uint32_t cycle_bank_crc;
   cia402_overridden_t overridden;
   uint8_t velocity_next;   /* index of the oldest velocity sample in `velocities` */
-  uint8_t tracking;        /* use of the trajectory, CIA402_TRACKING_ */
+  uint8_t tracking;        /* how the trajectory is used, a CIA402_TRACKING_ value */
   uint8_t setpoint_active; /* 1 if the drive moves to the position in `setpoint` */
   /* 1 if `buffered` contains a set-point that the drive has not started yet */
   uint8_t setpoint_buffered;

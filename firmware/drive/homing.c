@@ -26,8 +26,8 @@ typedef struct {
 /* A homing method. The reference position is the position at the end of the last step. */
 typedef struct {
   int8_t method;
-  /* AXIS_DIGITAL_INPUTS_ bits of the inputs that the method needs; inputs_fitted must contain all
-   * of them */
+  /* digital inputs that the homing method needs, as AXIS_DIGITAL_INPUTS_ bits; the object
+   * inputs_fitted must contain all of them */
   uint8_t needs;
   homing_step_t steps[STEPS];
 } homing_method_t;

@@ -28,7 +28,7 @@ struct cia402_mode {
   void (*run)(cia402_t *drive, axis_t *axis);
   uint8_t native;
   uint8_t controls_force;
-  uint8_t holds; /* force set-point that the mode uses, CIA402_HOLDS_ */
+  uint8_t holds; /* force set-point that this mode of operation uses, a CIA402_HOLDS_ value */
   /* 1 if the mode itself reacts to the halt bit; 0 if the drive stops the axis by a ramp at a
    * halt */
   uint8_t halts_itself;

@@ -55,7 +55,8 @@ void motion_follow(cia402_t *drive, axis_t *axis) {
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
   if (axis->signals.active_mode != AXIS_MODE_POSITION) {
-    /* Position mode begins in the next tick and uses this value of position_setpoint. */
+    /* Position mode begins in the next tick. Its first set-point is the value that
+     * position_setpoint has now. */
     axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, setpoint, setpoint);
   }
 }

@@ -22,12 +22,13 @@ enum { SHAPER_IMPULSES = 3, SHAPER_TICKS = 256 };
 typedef struct {
   int32_t history[SHAPER_TICKS]; /* ring buffer of the inputs x */
   int32_t amplitude_q16[SHAPER_IMPULSES];
-  int32_t before; /* value that represents all inputs before the oldest input in `history` */
+  /* value that all inputs of the shaper before the oldest one in `history` are assumed to have */
+  int32_t before;
   uint32_t remainder_q16; /* rounding remainder of the last output of the shaper */
   /* number of inputs since the shaper began, at most SHAPER_TICKS; 0 before the first input */
   uint16_t age;
   uint8_t delay_tick[SHAPER_IMPULSES];
-  uint8_t next;     /* index in `history` at which the next input is stored */
+  uint8_t next;     /* index in `history` at which the shaper stores its next input */
   uint8_t impulses; /* number of impulses; 0 if the shaper is off */
 } shaper_t;
 

@@ -29,32 +29,32 @@ enum {
   DRIVE402_TRANSFER_DONE,
   DRIVE402_TRANSFER_TIMED_OUT,
   DRIVE402_TRANSFER_ABORTED,   /* `answer` is the abort code */
-  DRIVE402_TRANSFER_UNEXPECTED /* the answer has an unexpected command or too few bytes */
+  DRIVE402_TRANSFER_UNEXPECTED /* the SDO answer has an unexpected command or too few bytes */
 };
 
 typedef struct {
-  drive402_entry_t entry; /* object of the present transfer */
-  uint32_t answer;        /* value that was uploaded, or abort code */
-  uint32_t ticks;         /* number of ticks until the answer counts as missing; at least 1 while an
-                           * answer is awaited */
-  uint8_t writes;         /* 1: download, 0: upload */
-  uint8_t state;          /* state of the transfer, DRIVE402_TRANSFER_ */
-  uint8_t pause;          /* number of ticks until the next request may be sent */
-  uint8_t is_repeated;    /* 1: the request was repeated */
-  uint8_t is_segmented;   /* 1: the upload waits for the segment that contains the value */
-  uint8_t has_late_ack;   /* 1: the last download was sent twice, so the drive may answer it
-                           * twice */
-  uint8_t doubled;        /* number of downloads that were sent once and answered twice */
+  drive402_entry_t entry; /* object of the present SDO transfer */
+  uint32_t answer;        /* value that was uploaded by SDO, or the SDO abort code */
+  /* number of ticks until the SDO answer counts as missing; at least 1 while it is awaited */
+  uint32_t ticks;
+  uint8_t writes;       /* 1: download, 0: upload */
+  uint8_t state;        /* state of the SDO transfer, a DRIVE402_TRANSFER_ value */
+  uint8_t pause;        /* number of ticks until the next SDO request may be sent */
+  uint8_t is_repeated;  /* 1: the request was repeated */
+  uint8_t is_segmented; /* 1: the upload waits for the segment that contains the value */
+  uint8_t has_late_ack; /* 1: the last download was sent twice, so the drive may answer it
+                         * twice */
+  uint8_t doubled;      /* number of SDO downloads that were sent once and answered twice */
 } drive402_sdo_t;
 
 /* Initialises an SDO client: no transfer is in progress. */
 void drive402_sdo_init(drive402_sdo_t *sdo);
 
-/* Starts a download of the value of an entry (`writes` is true), or an upload of the object of this
- * entry. */
+/* Starts an SDO transfer for an entry of the configuration: the download of its value if `writes`
+ * is true, otherwise the upload of its object. */
 void drive402_sdo_start(drive402_sdo_t *sdo, const drive402_entry_t *entry, bool writes);
 
-/* Counts a tick. Returns true if a request must be sent in this tick. */
+/* Counts a tick of the SDO client. Returns true if the client must send a request in this tick. */
 bool drive402_sdo_tick(drive402_sdo_t *sdo);
 
 /* Writes the 8 bytes of the request to `data`. After `ticks` ticks without an answer, the answer

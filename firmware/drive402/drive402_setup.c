@@ -262,7 +262,8 @@ static bool is_same(const drive402_sdo_t *sdo) {
   return (is_cob_id ? differs & ~NO_REQUEST : differs) == 0;
 }
 
-/* Starts the transfer of the present entry. If there are no more entries, returns true. */
+/* Starts the SDO transfer of the present entry of the configuration. Returns true if there are no
+ * more entries. */
 static bool start_entry(drive402_t *master) {
   master->refused = 0;
   if (master->entry >= (uint32_t)master->config->extra_count + master->entry_count) {

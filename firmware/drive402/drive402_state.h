@@ -146,10 +146,12 @@ typedef struct {
   int32_t position_cnt;
   int16_t torque;
   uint8_t state;
-  uint8_t entry_count; /* number of entries of the configuration that are not extra entries */
+  /* number of entries that the master itself adds to the configuration, without extra entries */
+  uint8_t entry_count;
   /* number of the entry whose SDO transfer is in progress; extra entries have the lowest numbers */
   uint16_t entry;
-  uint8_t command_sent; /* 1: the NMT command of this phase was sent */
+  /* 1: the NMT command that belongs to the present phase of the master was sent */
+  uint8_t command_sent;
   /* 1: the last heartbeat of the drive has reported the NMT state operational */
   uint8_t operational;
   uint8_t sampled;      /* 1: a TPDO was received since the start of the node */

@@ -13,8 +13,8 @@ typedef struct {
   /* for each point, deviation of the reference force from its mean, in mN, times the number of
    * points */
   int64_t y[CALIBRATION_POINTS];
-  int64_t xx; /* sum of the squares of x */
-  int64_t xy; /* sum of the products of x and y */
+  int64_t xx; /* sum of x^2 over all calibration points */
+  int64_t xy; /* sum of x y over all calibration points */
   int64_t x_span;
   int64_t y_span;
   uint8_t count;

@@ -34,7 +34,7 @@ typedef struct {
   int32_t level_q30;
   int32_t step_q30;  /* change of the ramp factor level_q30 in each tick */
   int32_t start_cnt; /* encoder count at the start of the excitation */
-  uint8_t begins;    /* 1 if the next value is the first value of the waveform */
+  uint8_t begins;    /* 1 if the next value of the excitation is the first value of its waveform */
 } contact_excitation_t;
 
 /* Returns true if an excitation is active in a force mode. */

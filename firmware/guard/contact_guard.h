@@ -55,7 +55,8 @@ typedef struct {
   int32_t bounded_cnt; /* encoder count at which most_q16 and least_q16 were computed */
   /* force set-point of the next tick, in 1/256 count; 0 if no force mode is active */
   int32_t setpoint;
-  /* demanded force from which the set-point is computed, in the unit that the mode uses */
+  /* demanded force before it is converted to a force set-point, in the unit of the mode of
+   * operation */
   int32_t demand;
   /* demanded force at the start of the present time slot of the force ripple */
   int32_t steady_demand;

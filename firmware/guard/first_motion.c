@@ -75,7 +75,8 @@ void first_motion_begin(first_motion_t *first, const drive_params_t *params,
                         drive_signals_t *signals) {
   if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF) {
     if (first->phase == FIRST_MOTION_COASTING) {
-      end_coasting(first); /* Motion after this tick does not belong to the test. */
+      /* A motion of the axis after this tick does not belong to the first motion test. */
+      end_coasting(first);
     }
     return;
   }
@@ -149,7 +150,7 @@ static bool is_beyond(first_motion_t *first, const drive_params_t *params, const
          (uint32_t)FIRST_MOTION_REACH * params->first_motion_counts;
 }
 
-/* Begins the phase "zero": switches the amplifier on. */
+/* Begins the phase "zero" of the first motion test: switches the amplifier on. */
 static void begin_zero(first_motion_t *first, const axis_t *axis) {
   enter_phase(first, axis, FIRST_MOTION_ZERO);
   first->origin_cnt = first->start_cnt;
@@ -273,7 +274,7 @@ static bool runs_away(first_motion_t *first, const drive_params_t *params, const
          is_beyond(first, params, axis);
 }
 
-/* Checks the change of the measured force over the complete motion of the phase "out". */
+/* Checks the change of the measured force over the complete motion away from the start position. */
 static uint8_t check_force(first_motion_t *first, const axis_t *axis, int32_t change) {
   const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
   if (fx_within(first->force_start, axis->params.contact_force)) {

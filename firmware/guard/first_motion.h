@@ -94,11 +94,12 @@ typedef struct {
   uint32_t moved_cnt; /* largest distance from origin_cnt in this attempt, coasting included */
   /* distance moved_cnt at the moment at which the amplifier was switched off */
   uint32_t stopped_cnt;
-  uint32_t coasted_cnt; /* travel by which the axis coasted after the previous attempt */
+  uint32_t coasted_cnt; /* travel in counts by which the axis coasted after the previous attempt */
   /* sum of the travel of all earlier stopped attempts, without the coasting of the previous
    * attempt (coasted_cnt) */
   uint32_t spent_cnt;
-  int32_t force_start;   /* measured force at the start of the present phase */
+  /* measured force at the start of the present phase of the first motion test */
+  int32_t force_start;
   int32_t force_low;     /* smallest measured force at standstill */
   int32_t force_high;    /* largest measured force at standstill */
   int16_t current_start; /* motor current at the start of the test, in per mille of its range */
@@ -114,7 +115,7 @@ typedef struct {
   /* 1 if the test last saw a change of the encoder while the axis should stand still; 0 if the test
    * last saw a change of the measured force */
   uint8_t moves;
-  uint8_t rises; /* 1 if the test increases the DAC code in this tick */
+  uint8_t rises; /* 1 if the first motion test increases the DAC code in this tick */
   /* 1 after an attempt was stopped while the amplifier was on, until the axis is at standstill */
   uint8_t coasts;
 } first_motion_t;
@@ -136,10 +137,10 @@ bool first_motion_is_bounded_by(uint16_t object);
 void first_motion_begin(first_motion_t *first, const drive_params_t *params,
                         drive_signals_t *signals);
 
-/* Ends a running test without a result, because the axis is disabled. */
+/* Ends a running first motion test without a result, because the axis is disabled. */
 void first_motion_cancel(first_motion_t *first, drive_signals_t *signals);
 
-/* Ends a running test, because the code for the board itself moves the axis. */
+/* Ends a running first motion test, because the code for the board itself moves the axis. */
 void first_motion_yield(first_motion_t *first, drive_signals_t *signals);
 
 /* Returns true if the test moves the axis. No other function may move the axis at that time. */

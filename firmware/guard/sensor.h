@@ -44,11 +44,13 @@
 enum { SENSOR_WINDOW_NONE, SENSOR_WINDOW_STUCK, SENSOR_WINDOW_DISCONNECTED };
 
 typedef struct {
-  int32_t start_cnt; /* encoder count at the start of the time window */
-  uint16_t code;     /* ADC code of the force in the previous tick */
+  /* encoder count at the start of the time window in which the sensor is monitored */
+  int32_t start_cnt;
+  uint16_t code; /* ADC code of the force in the previous tick */
   uint16_t railed_tick;
-  uint16_t window_tick; /* number of ticks since the start of the time window */
-  uint8_t window;       /* condition that is monitored in the present time window, SENSOR_WINDOW_ */
+  /* number of ticks since the start of the time window in which the sensor is monitored */
+  uint16_t window_tick;
+  uint8_t window;  /* condition that is monitored in the present time window, SENSOR_WINDOW_ */
   uint8_t changed; /* 1 if the force code has changed since the last check of the time window */
   uint8_t enabled; /* 1 if at least one check of the force sensor is switched on */
   /* 1 if a check is switched on and the motion of the axis now depends on the measured force */

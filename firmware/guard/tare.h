@@ -26,12 +26,13 @@ enum { TARE_JITTER_CNT = 2 };
 typedef struct {
   int32_t start_cnt; /* encoder count in the first tick of the measurement */
   int32_t tare_q8;   /* measured tare, in 1/256 count */
-  uint32_t sum;      /* sum of the ADC codes of the measurement, below 2^28 */
-  /* low: smallest ADC code of the measurement; high: largest ADC code of the measurement */
+  uint32_t sum;      /* sum of the ADC codes of the tare measurement, below 2^28 */
+  /* low: smallest ADC code of the force during the tare measurement; high: largest ADC code during
+   * it */
   uint16_t low;
   uint16_t high;
   uint16_t count;    /* number of ADC codes that were added to `sum` */
-  uint8_t averaging; /* value of tare_averaging at the start of the measurement */
+  uint8_t averaging; /* value of the object tare_averaging at the start of the tare measurement */
   uint8_t running;
   /* 1 if the measurement is complete; the tare tare_q8 becomes active between two ticks */
   uint8_t found;

@@ -137,8 +137,8 @@ static bool only_stops(const modbus_request_t *r) {
   return stops;
 }
 
-/* Checks whether these coils may be written. Every command source may stop the axis, but only the
- * owner may do anything else. */
+/* Checks whether the coils of the request may be written. Every command source may stop the axis,
+ * but only the owner may do anything else. */
 static void ask_permission(modbus_request_t *r) {
   const bool stops = only_stops(r);
   modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,

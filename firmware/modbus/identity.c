@@ -48,7 +48,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text to the answer and returns the number of appended characters. */
+/* Appends a text to the Modbus answer and returns the number of appended characters. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {
@@ -117,11 +117,13 @@ void modbus_identify(modbus_request_t *r) {
     while (r->after < IDENTITIES && identities[r->after] <= last) {
       r->after++;
     }
-    /* conformity level: all categories, with stream access and individual access */
+    /* conformity level of the device identification: all categories, with stream access and
+     * individual access */
     r->pdu[3] = 0x83;
-    r->pdu[4] = 0; /* 0: the list is complete, no more objects follow */
+    /* 0: the list of device identification objects is complete, no more objects follow */
+    r->pdu[4] = 0;
     r->pdu[5] = 0;
-    r->pdu[6] = 0; /* number of objects in the answer */
+    r->pdu[6] = 0; /* number of identification objects in the Modbus answer */
     r->length = 7;
     r->part = MODBUS_IDENTITY;
     next_identity(r);

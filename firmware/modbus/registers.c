@@ -252,7 +252,9 @@ static void written(modbus_request_t *r) {
   if (r->access.refusal != FW_OK) {
     r->exception = modbus_exception_of(r->access.refusal);
     while (r->writes_those && r->entry < r->end) {
-      go_on(r); /* All entries whose write can be undone are already written. */
+      /* At this point all entries of the Modbus request whose write can be undone are already
+       * written. */
+      go_on(r);
     }
     take_back(r);
     return;

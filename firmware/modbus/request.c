@@ -141,7 +141,7 @@ static void diagnose(modbus_request_t *r, uint16_t what) {
   modbus_end(r, exception);
 }
 
-/* Begins to execute a request whose length matches its function code. */
+/* Begins to execute a Modbus request whose length matches its function code. */
 static void begin(modbus_request_t *r) {
   const uint16_t first = (r->length < SECOND) ? 0 : fx_load_be16(&r->pdu[FIRST]);
   const uint16_t second = (r->length < THIRD) ? 0 : fx_load_be16(&r->pdu[SECOND]);
@@ -209,7 +209,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
 void modbus_request_resume(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   const bool reads = access->kind == MODBUS_READ || access->kind == MODBUS_READ_TEXT;
-  /* For a write-only object the answer contains the value 0. */
+  /* For an object that can only be written, the answer contains the value 0. */
   if (reads && access->refusal != FW_OK && access->refusal != FW_ERROR_WRITE_ONLY) {
     modbus_end(r, modbus_exception_of(access->refusal));
     return;

@@ -28,7 +28,7 @@ enum { MODBUS_PDU_BYTES = 253 };
 
 /* Results of modbus_request_bytes() if the length of the request is not known yet. */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* the function is unknown, so the request may have any length */
+  MODBUS_BYTES_OPEN = 0, /* the Modbus function is unknown, so the request may have any length */
   MODBUS_BYTES_MORE = 0xFFFF /* more bytes of the request are needed to determine its length */
 };
 

@@ -5,8 +5,9 @@
 #include "firmware/modbus/request.h"
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
-enum { UNIT = 0, PDU = 1 }; /* offsets of the unit and of the PDU in a frame */
-enum { TOO_LONG = 0xFFFF }; /* special value of the length: the frame must be discarded */
+enum { UNIT = 0, PDU = 1 }; /* offsets in bytes of the unit and of the PDU in a Modbus frame */
+/* special value of the frame length: the received frame must be discarded */
+enum { TOO_LONG = 0xFFFF };
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;
@@ -86,7 +87,7 @@ static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) 
   return request.length;
 }
 
-/* Processes a received frame that is complete. */
+/* Processes a Modbus frame that was received completely. */
 static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;

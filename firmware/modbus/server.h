@@ -26,14 +26,14 @@ typedef struct {
   /* number of bytes of the frame that were received so far; bytes that exceed the buffer are
    * discarded */
   uint16_t length;
-  uint16_t crc; /* CRC of the received bytes of the frame */
-  /* length in bytes of the answer that waits to be sent; 0: no answer waits */
+  uint16_t crc; /* CRC of the received bytes of the Modbus frame */
+  /* length in bytes of the Modbus answer that waits to be sent; 0: no answer waits */
   uint16_t answer_length;
   uint16_t answer_sent;
   uint16_t counters[MODBUS_COUNTERS];
   uint8_t heard; /* 1 if bytes were received since the last tick */
   uint8_t unit;
-  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the request, and later of the answer */
+  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the Modbus request, and later of the answer */
 } modbus_t;
 
 /* Initialises the server. If `unit` is 1 to 247, requests to other units are ignored, and

@@ -122,7 +122,7 @@ static bool ads1256_step(uint8_t gain, uint8_t number, converter_step_t *step) {
 }
 
 static bool ad7193_step(uint8_t gain, uint8_t number, converter_step_t *step) {
-  /* a reset needs at least 40 bits with the value 1 */
+  /* the reset of an AD7193 needs at least 40 bits with the value 1 */
   static const uint8_t reset[] = {ALL, ALL, ALL, ALL, ALL, ALL};
   /* The AD7193 has the gain 1 and the gains 8 to 128. The code of a gain is its exponent to the
    * base 2. */

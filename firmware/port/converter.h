@@ -27,13 +27,13 @@ enum { CONVERTER_EQUAL_MAX = 16 };
 
 typedef struct {
   uint8_t sent[CONVERTER_BYTES];
-  uint8_t wanted[CONVERTER_BYTES]; /* bytes that the port must receive in this step */
+  uint8_t wanted[CONVERTER_BYTES]; /* bytes that the converter must send in this step */
   /* mask of the bits in which the received bytes are compared with `wanted` */
   uint8_t mask[CONVERTER_BYTES];
-  uint8_t count; /* number of bytes that this step exchanges */
+  uint8_t count; /* number of bytes that this step exchanges with the converter */
   /* true: the port exchanges the bytes only when a conversion is ready */
   bool after_ready;
-  uint16_t pause_us; /* shortest pause in us after the bytes of this step */
+  uint16_t pause_us; /* shortest pause in us after the exchange of the bytes of this step */
 } converter_step_t;
 
 /* State of a converter: the last reading, and the number of equal readings. All bytes must be 0 at

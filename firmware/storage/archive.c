@@ -75,8 +75,8 @@ static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return bits == UINT32_MAX;
 }
 
-/* Finds the address for the next record: after the newest record, or at the start of the other
- * sector, which is then erased. */
+/* Finds the address at which the archive writes the next incident: after the newest record, or at
+ * the start of the other sector, which is then erased. */
 static uint32_t find_room(const store_memory_t *memory, const sector_t *home, const sector_t *other,
                           uint8_t other_number, uint32_t bytes) {
   /* If a power cut has interrupted the writing of a record, its first bytes are not blank. So only

@@ -44,18 +44,18 @@ typedef struct {
   /* record of the newest complete incident. Its field `magic` is RECORD_NONE if there is no
    * incident, or if this incident was cleared */
   record_t record;
-  record_t before;      /* record of an earlier incident; it is used if `record` is damaged */
-  uint32_t samples_crc; /* CRC-32 of the samples of `record` */
+  record_t before; /* archived record of an earlier incident; it is used if `record` is damaged */
+  uint32_t samples_crc; /* CRC-32 of the samples of the incident in `record` */
   uint32_t sequence;    /* highest sequence number of all records */
   uint32_t bytes;       /* size in bytes of the largest incident that can occur */
-  /* address for the next record; ARCHIVE_NOWHERE if the memory has no room for it until the next
-   * power-up */
+  /* address at which the next incident is written; ARCHIVE_NOWHERE if there is no room for it until
+   * the next power-up */
   uint32_t begin;
   /* tick in which the archive last began to write an incident; valid only if `written` is 1 */
   uint32_t day_tick;
   uint32_t at;     /* address of the next bytes that are read or programmed */
   uint32_t crc;    /* CRC of the bytes of the record before the address `at` */
-  uint8_t step;    /* next step of archive_serve() */
+  uint8_t step;    /* next step of the work that archive_serve() does in small steps */
   uint8_t is_new;  /* 1 if the archive is checking the record that it has just written */
   uint8_t written; /* 1 if the field day_tick is valid */
   uint8_t clear;   /* 1 if the archive must still mark the incident in `record` as cleared */

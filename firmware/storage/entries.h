@@ -25,10 +25,10 @@ typedef struct {
   verdict_t verdict;
 } entry_t;
 
-/* An iterator over the entries of one record. */
+/* An iterator over the entries of one record of the parameter store. */
 typedef struct {
   record_t record;
-  uint32_t next; /* offset in bytes of the next entry */
+  uint32_t next; /* offset in bytes of the next entry of the record */
   /* next entry in the list of changes of the object table since version 0.1.0; used only for a
    * parameter set of version 0.1.0 */
   const axis_change_t *change;
@@ -36,7 +36,7 @@ typedef struct {
 
 entries_t entries_of(const record_t *record);
 
-/* Reads the next entry of the record. Returns false after the last entry. */
+/* Reads the next entry of a record of the parameter store. Returns false after the last entry. */
 bool entries_next(const store_memory_t *memory, const dictionary_t *objects, entries_t *entries,
                   entry_t *entry);
 

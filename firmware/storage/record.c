@@ -101,7 +101,7 @@ uint32_t record_tail(const store_memory_t *memory, uint32_t sector) {
   return tail;
 }
 
-/* Stores a complete record, which was found in a sector, in the structure that describes this
+/* Enters a complete record that was found in a sector into the structure that describes this
  * sector. */
 static void note(record_sector_t *sector, record_t sets[2], const record_t *record) {
   if (is_set(record->magic)) {

@@ -49,11 +49,12 @@ enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 #define RECORD_NONE UINT32_C(0)
 
 typedef struct {
-  uint32_t begin; /* address of the head of the record */
+  uint32_t begin; /* address in the memory at which the record begins */
   uint32_t magic; /* kind of the record, RECORD_ */
   uint32_t hash;
   uint32_t sequence;
-  uint32_t entries; /* total size of all entries in bytes; a multiple of record_entry_bytes() */
+  /* total size in bytes of all entries of the record; a multiple of record_entry_bytes() */
+  uint32_t entries;
 } record_t;
 
 /* Returns the size in bytes of one entry of a record. An entry has an address and a value. In a

@@ -26,20 +26,20 @@ enum {
 #define SLOT_BLANK UINT32_MAX
 
 typedef struct {
-  uint32_t magic;  /* SLOT_MAGIC: the image was written and checked completely */
+  uint32_t magic;  /* SLOT_MAGIC: the image in this slot was written and checked completely */
   uint32_t length; /* length of the image in bytes; a multiple of 4 */
   uint32_t crc;    /* CRC-32 of the image */
   /* sequence number of the image; the image with the highest number is the newest */
   uint32_t sequence;
-  uint32_t confirmed; /* SLOT_PROGRAMMED: the image is confirmed */
+  uint32_t confirmed; /* SLOT_PROGRAMMED: the image in this slot is confirmed */
   /* one word for each permitted attempt to start the image; SLOT_BLANK: the attempt that belongs to
    * the word was not used yet */
   uint32_t tries[SLOT_TRIES];
   uint32_t unused[7];
 } slot_trailer_t;
 
-/* Returns the index in `tries` of the first attempt that was not used yet, or SLOT_TRIES if all
- * attempts were used. */
+/* Returns the index in `tries` of the next permitted attempt to start the image, or SLOT_TRIES if
+ * all attempts were used. */
 uint32_t slots_next_try(const slot_trailer_t *trailer);
 
 /* Returns the number of the slot whose image the loader starts. An image may be started if its CRC

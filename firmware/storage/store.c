@@ -249,8 +249,9 @@ static void begin_item(store_t *store, uint32_t at, uint8_t item) {
   store->step = (item < ITEM_END) ? STEP_HEAD : STEP_IDLE;
 }
 
-/* Returns the set of the records that the store writes to the other sector before it continues in
- * this sector. If the sector is a copy, its first record marks it as a copy. */
+/* Returns the set of records that the parameter store writes to the other sector when the present
+ * sector has no room. If they are a copy of the present sector, the first one marks the other
+ * sector as a copy. */
 static uint8_t items_of_sector(const store_t *store) {
   uint32_t items = fx_bit(ITEM_SET) | ((store->job == JOB_PARTS) ? fx_bit(ITEM_COPY) : 0);
   for (uint32_t i = 0; i < STORE_PARTS; i++) {
@@ -289,7 +290,7 @@ static void begin_copy(store_t *store) {
   begin_item(store, mark_of(store), 0);
 }
 
-/* Returns the sum of the sizes in bytes of all records that the present job writes. */
+/* Returns the total size in bytes of all records that the present job of the store writes. */
 static uint32_t bytes_of_job(const store_t *store) {
   uint32_t bytes = 0;
   for (uint8_t i = 0; i < ITEM_END; i++) {
@@ -691,8 +692,9 @@ void store_parts_tick(store_t *store, const dictionary_t *objects) {
   store->parts_failed = (state == AXIS_STORE_STATE_FAILED) ? 1 : 0;
 }
 
-/* Abandons a write of extra records. The store does not use the bytes that were programmed so far,
- * nor the rest of the space that the head of the record announces. */
+/* Abandons a write of extra records (cycle programs, counts of parts). The store does not use the
+ * bytes that were programmed so far, nor the rest of the space that the head of the record
+ * announces. */
 void store_abandon(store_t *store) {
   if (store->step == STEP_IDLE || store->job != JOB_PARTS) {
     return;

@@ -73,8 +73,9 @@ enum {
  * size of the counts in bytes. */
 enum { STORE_PROGRAMS = 0, STORE_COUNTS = 1, STORE_PARTS = 2, STORE_COUNTS_BYTES = 28 };
 
-/* State of the extra records. STORED: all extra records are stored. WRITING: an extra record is
- * being written or must be written. FAILED: the last write of an extra record has failed. */
+/* State of the extra records (cycle programs, counts of parts). STORED: all extra records are
+ * stored. WRITING: an extra record is being written or must be written. FAILED: the last write of
+ * an extra record has failed. */
 enum { STORE_PARTS_STORED = 0, STORE_PARTS_WRITING = 1, STORE_PARTS_FAILED = 2 };
 
 /* Contents of an extra record: the cycle programs or the counts of parts. The size in bytes is a
@@ -98,28 +99,30 @@ typedef struct {
   uint32_t changes[STORE_CHANGES];
   /* number of all changes that were found when the parameter set was loaded */
   uint16_t change_count;
-  uint8_t dropped; /* 1 if at least one change is a STORE_CHANGE_DROPPED */
+  uint8_t dropped; /* 1 if at least one stored value was dropped (STORE_CHANGE_DROPPED) */
   /* present contents of the extra records (cycle programs, counts of parts) */
   store_part_t parts[STORE_PARTS];
   /* for each extra record, address at which the last load has found its bytes; `found_bytes`:
    * number of these bytes */
   uint32_t found[STORE_PARTS];
   uint32_t found_bytes[STORE_PARTS];
-  /* set, as bits, of the extra records whose present contents are not in the memory of the store */
+  /* set, as bits, of the extra records (cycle programs, counts of parts) to be written */
   uint8_t changed;
-  uint8_t parts_failed; /* 1 if the last write of an extra record failed */
+  uint8_t parts_failed; /* 1 if the last write of cycle programs or of counts of parts failed */
   /* 1 if the store may erase its other sector without a command, because this sector contains no
    * data that a user needs */
   uint8_t may_move;
-  /* The following fields describe the work in progress. `step`: next step of this work. */
+  /* The following fields describe the work of the parameter store in progress. `step`: next step of
+   * this work. */
   uint8_t step;
   uint8_t sector;
   /* kind of the present job of the parameter store: a command of the user, or a write of extra
    * records */
   uint8_t job;
-  uint8_t item;    /* number of the record that is being written */
-  uint8_t items;   /* set, as bits, of the records that the present job writes */
-  uint8_t again;   /* 1 during the second attempt to write the record */
+  uint8_t item; /* number of the record that the present job is writing */
+  /* set, as bits, of the records that the present job of the parameter store writes */
+  uint8_t items;
+  uint8_t again;   /* 1 during the second attempt to write the same record, in the other sector */
   uint16_t object; /* number of the object whose entry is programmed next */
   /* first object whose present value is saved; `last`: last object whose present value is saved */
   uint16_t first;
@@ -188,24 +191,26 @@ void store_part_read(const store_t *store, uint8_t part, uint8_t *bytes);
 /* Returns the largest number of bytes that the extra record with the cycle programs may have. */
 uint32_t store_programs_max(const store_t *store);
 
-/* Sets the present contents of an extra record. Call this function only while the store is not
- * busy. If a write of extra records is in progress, it begins again. The bytes must not change
- * until the next call of this function or of store_abandon(). If `changed` is true, the store will
- * write the bytes. */
+/* Sets the present contents of an extra record: the cycle programs or the counts of parts. Call
+ * this function only while the store is not busy. If a write of extra records is in progress, it
+ * begins again. The bytes must not change until the next call of this function or of
+ * store_abandon(). If `changed` is true, the store will write the bytes. */
 void store_part_set(store_t *store, uint8_t part, store_part_t bytes, bool changed);
 
-/* Returns true if the memory of the store has the present contents of the extra record `part`. */
+/* Returns true if the flash memory has the present contents of the extra record `part`, which are
+ * cycle programs or counts of parts. */
 bool store_part_is_stored(const store_t *store, uint8_t part);
 
-/* Returns the state of the extra records, STORE_PARTS_. */
+/* Returns the state of the extra records (cycle programs, counts of parts), STORE_PARTS_. */
 uint8_t store_parts_state(const store_t *store);
 
-/* Does the next step of a write of extra records, in the same way as store_tick() does a step of a
- * command. Call this function only while the store is not busy and the axis is disabled. */
+/* Does the next step of a write of extra records (cycle programs, counts of parts), in the same way
+ * as store_tick() does a step of a command. Call this function only while the store is not busy and
+ * the axis is disabled. */
 void store_parts_tick(store_t *store, const dictionary_t *objects);
 
-/* Abandons a write of extra records that is in progress. The next store_parts_tick() begins this
- * write again. */
+/* Abandons a write of extra records (cycle programs, counts of parts) that is in progress. The next
+ * store_parts_tick() begins this write again. */
 void store_abandon(store_t *store);
 
 /* Does one bounded step of the store: one erase, at most 16 bytes programmed, or 64 bytes read

@@ -159,7 +159,8 @@ int main(int argc, char **argv) {
     return nodes::refuse("axis_linux", app, error);
   }
   return nodes::guarded("axis_linux", [&]() -> int {
-    static Settings settings;  // static: the settings must exist as long as the process
+    // static, because the settings must exist as long as the process runs
+    static Settings settings;
     read(file, settings);
     settings.config.lateness_s = lateness_s;
     throw nodes::UsageError(axis_linux_run(&settings.config));

@@ -74,7 +74,7 @@ int CanSocket::receive(std::span<can_frame> frames) {
 }
 
 void CanSocket::set_wait(std::chrono::milliseconds wait) {
-  if (wait == wait_) return;  // An unchanged timeout needs no system call.
+  if (wait == wait_) return;  // If the timeout is the same as before, no system call is needed.
   const timeval time{wait.count() / 1000, wait.count() % 1000 * 1000};
   ::setsockopt(raw_.fd, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
   wait_ = wait;

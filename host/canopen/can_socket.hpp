@@ -72,7 +72,7 @@ class CanSocket {
   std::string interface_;
   can_raw_t raw_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t lost_ = 0;  // count raw_.dropped at the last call of take_lost()
+  std::uint32_t lost_ = 0;  // number of dropped frames at the last call of take_lost()
 };
 
 }  // namespace forceaxis::canopen

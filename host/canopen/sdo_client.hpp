@@ -63,7 +63,8 @@ class SdoClient {
   Frame abort(std::uint32_t code);
   std::optional<Frame> begin_upload(const Frame &answer);
   std::optional<Frame> second_answer(const Frame &answer);
-  bool has_address(const Frame &answer) const;  // true: index and sub-index are right
+  bool has_address(const Frame &answer) const;  // returns true if the answer has the index and
+                                                // sub-index of the request
   static std::optional<std::uint32_t> announced_size(const Frame &answer);
   std::optional<Frame> upload_segment(const Frame &answer);
 
@@ -74,7 +75,7 @@ class SdoClient {
   bool toggle_ = false;
   // Length of the upload in bytes, if the server has announced this length.
   std::optional<std::uint32_t> size_;
-  std::vector<std::uint8_t> data_;  // upload: data received so far; download: all data
+  std::vector<std::uint8_t> data_;  // SDO upload: data received until now; SDO download: all data
   std::size_t sent_ = 0;
   SdoResult result_;
 };

@@ -309,7 +309,8 @@ class FirmwareUnit final : public Unit {
   // Objects of the variables from the index kFirstObject on.
   std::vector<const axis_object_meta_t *> objects_;
   std::optional<host::ExperimentWrites> writes_;
-  std::vector<double> values_;  // values to which inputs and parameters were last set
+  // last values that the user of the unit gave to its inputs and parameters
+  std::vector<double> values_;
   axis_inputs_t inputs_{};
   axis_outputs_t outputs_{};
   std::int64_t tick_ = 0;

@@ -35,7 +35,7 @@ class Instance {
   double time_s() const { return clock_.time_s(); }
 
   // Read or write one variable, whose type must be in the set of types.
-  using Types = unsigned;  // set of variable types; a type is the bit 1 << Type
+  using Types = unsigned;  // set of types of variables; the type with the number n is bit n
   Status get(std::uint32_t reference, Types types, double &value);
   Status set(std::uint32_t reference, Types types, double value);
   // Returns the type of a variable; int32 if there is no such variable.
@@ -69,7 +69,7 @@ class Instance {
   std::unique_ptr<Unit> unit_;
   TickClock clock_;
   Phase phase_ = Phase::created;
-  bool failed_ = false;  // true after the simulation has failed, until reset() is called
+  bool failed_ = false;  // true from a failure of the simulation on until reset() is called
   std::map<const void *, std::unique_ptr<Saved>> saved_;  // saved states by their handles
 };
 

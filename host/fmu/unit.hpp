@@ -29,8 +29,8 @@ struct Variable {
   Role role = Role::output;
   std::string unit;     // unit as spelled in sim/model/units.hpp or in the object table; "" without
                         // a unit
-  std::string meaning;  // meaning of the variable in one sentence
-  double start = 0.0;   // value of an input or parameter after the creation of the unit
+  std::string meaning;  // description of the variable in one sentence
+  double start = 0.0;   // value that an input or a parameter has after the creation of the unit
 };
 
 // Error: the unit refuses a value. The variable keeps its previous value, and the simulation can

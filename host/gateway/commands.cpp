@@ -78,7 +78,8 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   const bool stops = command.axis == axis_.number() && only_stops(command);
   if (stops) {
-    if (stopping_ >= kMostStopping) return;  // No answer: the client will try again.
+    // The gateway sends no answer, so that the client repeats the command.
+    if (stopping_ >= kMostStopping) return;
   } else {
     // A late command is not executed, because the client no longer waits for the answer and the
     // axis must not move late.

@@ -21,8 +21,7 @@ class GatewayCommands {
  private:
   // The answer to a command of a client. A command in progress has an Answer with kind 0.
   struct Answer {
-    std::int64_t kind = 0;  // kind of the answer to the command; 0: the command is still in
-                            // progress
+    std::int64_t kind = 0;  // kind of the answer to the command; 0: there is no answer yet
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
@@ -50,7 +49,8 @@ class GatewayCommands {
     std::vector<std::uint8_t> bytes;
     std::vector<ObjectAddress> columns;
     std::size_t row_bytes = 0;
-    std::optional<std::size_t> tick_at;  // index of the column with tick_count
+    std::optional<std::size_t> tick_at;  // index of the recorded signal that is tick_count; empty
+                                         // if tick_count is not recorded
   };
   // Range of samples: number of the first sample, and number of the sample after the last one.
   using Range = std::pair<std::int64_t, std::int64_t>;
@@ -91,7 +91,7 @@ class GatewayCommands {
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;  // ids of the commands whose answers are in answers_, the oldest first
+  std::deque<Id> order_;  // ids of the commands in `answers_`, beginning with the oldest command
   std::map<std::int64_t, Forgotten> forgotten_;  // key: run_id of the client
   std::size_t kept_items_ = 0, waiting_items_ = 0;
   int stopping_ = 0;  // number of stop commands that are in progress

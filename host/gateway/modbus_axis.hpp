@@ -36,7 +36,7 @@ class ModbusAxis {
   Task<int> check(std::uint16_t object, std::int32_t value, bool as_owner);
 
   GatewayAxis &axis_;
-  std::string text_;  // text that was read by the last access
+  std::string text_;  // text of the object that the last Modbus request has read
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };
 

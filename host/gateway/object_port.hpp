@@ -10,7 +10,7 @@ namespace forceaxis::nodes {
 struct ObjectResult {
   std::uint32_t abort = 0;  // SDO abort code of the access; 0: no error
   bool silent = false;      // true: no answer has arrived
-  std::int64_t value = 0;   // value that was read from the object
+  std::int64_t value = 0;   // raw value that was read from the object of the axis
 
   bool ok() const { return abort == 0; }
 };

@@ -49,8 +49,8 @@ class Reader {
   bool whole_ = true;
 };
 
-constexpr std::size_t kFirstNumbers = 9;  // number of the first fields of a command, from utime to
-                                          // timeout_us
+constexpr std::size_t kFirstNumbers = 9;  // number of fields at the begin of a command message,
+                                          // from utime to timeout_us
 
 bool is_command(std::span<const std::uint8_t> data) {
   Reader reader(data);

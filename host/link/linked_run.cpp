@@ -93,7 +93,8 @@ struct LinkedPlants::Ends {
     for (std::size_t i = 0; i < experiments.size(); ++i) {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
-      if (options.kind != "lcm") break;  // On CAN, one lock of the interface serves all axes.
+      // All axes on CAN use one interface, so one lock of this interface is enough.
+      if (options.kind != "lcm") break;
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);

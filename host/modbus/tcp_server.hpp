@@ -77,7 +77,7 @@ class TcpServer {
     // Socket of the client, or -1 if the client has disconnected while its request is in progress.
     int socket = -1;
     FrameBuffer bytes;              // received bytes that were not processed yet
-    std::optional<Header> pending;  // header of the request that is being processed
+    std::optional<Header> pending;  // header of the Modbus TCP request that is being processed
     Time begun;                     // time at which the first unprocessed byte was received
     Time last;                      // time of the last activity: connection, request or answer
     bool asked = false;             // true: the client has sent at least one complete request

@@ -63,10 +63,12 @@ struct CycleEnd {
                                              "condition is taken; 0: any number.")));
   }
   static constexpr auto items() {
-    return std::tuple{item("when", &CycleEnd::when),
-                      item("value", &CycleEnd::value, "in `unit`; None if it has none"),
-                      item("unit", &CycleEnd::unit, "s, N, N/m, m, or empty"),
-                      item("next", &CycleEnd::next, "name of the phase that follows, or end")};
+    return std::tuple{
+        item("when", &CycleEnd::when),
+        item("value", &CycleEnd::value,
+             "value of the condition in `unit`; None if the condition has no value"),
+        item("unit", &CycleEnd::unit, "s, N, N/m, m, or empty"),
+        item("next", &CycleEnd::next, "name of the phase that follows this condition, or end")};
   }
 
  private:
@@ -256,10 +258,11 @@ struct CycleElement {
         item("name", &E::name),
         item("kind", &E::kind, "kind of evaluation element: peak, window, ..."),
         item("is_shape", &E::is_shape,
-             "True for a window and an envelope, whose bounds are no two numbers"),
+             "True for a window or an envelope, whose bounds are curves and not two numbers"),
         item("phases", &E::phases),
         item("over", &E::over, "travel or time"),
-        item("of", &E::of, "x or force: what crosses the level of `at` and `difference`"),
+        item("of", &E::of,
+             "quantity that crosses the level of the kinds `at` and `difference`: x or force"),
         item("unit", &E::unit, "SI unit of the value; empty for a number"),
         item("per_value", &E::per_value, "value in SI units = value of the firmware * per_value"),
         item("x_from", &E::x_from),
@@ -351,11 +354,13 @@ struct CycleProgram {
     return std::tuple{
         item("file", &P::file),
         item("title", &P::title),
-        item("number", &P::number, "number by which the axis selects the program; 0: none"),
-        item("record", &P::bytes, "the program as an axis takes it (firmware/cycle/program.h)"),
+        item("number", &P::number,
+             "number by which an axis selects this program; 0: it cannot be selected"),
+        item("record", &P::bytes,
+             "bytes of the program that are downloaded to an axis (firmware/cycle/program.h)"),
         item("crc", &P::crc, "CRC of the record"),
         item("zero", &P::zero, "what defines travel 0: touch, force or position"),
-        item("zero_at", &P::zero_at, "the force in N, or the position in m"),
+        item("zero_at", &P::zero_at, "force in N or position in m that defines travel 0"),
         item("phases", &P::phases),
         item("elements", &P::elements),
         item("compliance", &P::compliance,

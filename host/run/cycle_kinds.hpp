@@ -35,7 +35,7 @@ struct CycleKind {
   /// Key of the phase limit that the value of a condition cannot exceed. Empty if there is no such
   /// limit.
   std::string_view limit = {};
-  int direction = 1;  ///< -1: the phase limit applies to the value with the opposite sign
+  int direction = 1;  ///< -1: the limit of the phase is compared with the value times -1
 };
 
 // Keys that most kinds of evaluation elements may have.

@@ -40,7 +40,8 @@ std::int64_t tick_at(double time_s) {
 
 struct ExperimentNames : sim::Names {
   explicit ExperimentNames(const Experiment &one) : experiment(one) {}
-  const Experiment &experiment;  // the tables before this one have been read
+  const Experiment &experiment;  // the experiment, with the contents of all tables before the
+                                 // present one
 };
 
 // sim::read_table() calls the functions value_of() for the members of these types.

@@ -122,7 +122,8 @@ struct Action {
 
 // The contacts that must stay closed, from the key contact_held.
 struct HeldContacts {
-  std::vector<std::string> names;  // empty: every contact of the model
+  // names of the contacts; an empty list: all contacts of the model
+  std::vector<std::string> names;
 };
 
 // The limits of the verdict (verdict.hpp). A limit applies to the time window of the verdict, which
@@ -181,19 +182,17 @@ struct Criterion {
         field(&Criterion::position_ripple_max_count,
               ranged("position_ripple_max_count", D::count, 0.0, 1e12, "not checked",
                      "Largest peak-to-peak ripple of the encoder, in counts.")),
-        field(
-            &Criterion::position_error_max_count,
-            ranged("position_error_max_count", D::count, 0.0, 1e12, "not checked",
-                   "Largest distance from the last position set-point to the mean position in the "
-                   "window, in counts of the encoder.")),
+        field(&Criterion::position_error_max_count,
+              ranged("position_error_max_count", D::count, 0.0, 1e12, "not checked",
+                     "Largest distance of the mean position in the window from the last set-point, "
+                     "in counts.")),
         field(&Criterion::held_force_error_max_N,
               ranged("held_force_error_max_N", D::force, 0.0, 1e9, "not checked",
                      "Largest difference between the mean force in the window and the set-point.")),
-        field(
-            &Criterion::held_force_error_max_percent,
-            ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
-                   "Largest difference between the mean force in the window and the set-point, in "
-                   "percent of the set-point.")),
+        field(&Criterion::held_force_error_max_percent,
+              ranged("held_force_error_max_percent", D::ratio, 0.0, 1e9, "not checked",
+                     "Largest error of the mean force in the window, in percent of the force "
+                     "set-point.")),
         field(&Criterion::overshoot_max_percent,
               ranged("overshoot_max_percent", D::ratio, 0.0, 1e9, "not checked",
                      "Largest excess of the force over the last set-point, in percent of the "
@@ -210,9 +209,8 @@ struct Criterion {
                      "set-point.")),
         field(&Criterion::contact_losses_max,
               ranged("contact_losses_max", D::count, 0.0, 1e9, "not checked",
-                     "Largest number of contact losses over the complete run, counted for the "
-                     "contacts of "
-                     "contact_held or else for all contacts.")),
+                     "Largest number of losses of the contacts of contact_held, or of all "
+                     "contacts, in the run.")),
         field(&Criterion::saturated_max_s,
               ranged("saturated_max_s", D::time, 0.0, kLongestRun_s, "not checked",
                      "Longest total time of the DAC code at an end of its range, over the complete "
@@ -312,8 +310,10 @@ struct Experiment {
   std::string title;
   std::string figure;
   std::string shows;
-  std::string model_file;  // as in the file: relative to the folder of the experiment
-  std::string cycle_file;  // as in the file; empty if the experiment has no program
+  std::string model_file;  // path of the model as the experiment file gives it, relative to the
+                           // folder of that file
+  std::string cycle_file;  // path of the cycle program as the experiment file gives it; empty
+                           // without a program
   std::vector<sim::Override> set;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;  // cache of the matrices of modes, which all plants of the

@@ -66,19 +66,19 @@ struct HeldForce {
   static constexpr auto items() {
     return std::tuple{
         item("setpoint_N", &HeldForce::setpoint_N),
-        item("held_N", &HeldForce::held_N, "mean over the window of the verdict"),
-        item("error_N", &HeldForce::error_N, "set-point less held_N"),
+        item("held_N", &HeldForce::held_N, "mean of the force over the time window of the verdict"),
+        item("error_N", &HeldForce::error_N, "set-point minus held_N"),
         item("error_percent", &HeldForce::error_percent,
              "magnitude of error_N, in per cent of the set-point"),
         item("overshoot_percent", &HeldForce::overshoot_percent,
              "largest excess of the force over the set-point after from_s, in per cent of the "
              "set-point"),
         item("from_s", &HeldForce::from_s,
-             "time at which `settle_s` begins: last change of the set-point, last impulse, start "
-             "or end of an excitation, or a later first contact"),
+             "start of `settle_s`: last change of set-point or excitation, last impulse or first "
+             "contact"),
         item("settle_s", Finite{&HeldForce::settle_s},
-             "time from from_s until the force stays within 5 % of held_N; None: it does not "
-             "settle before the window")};
+             "time after from_s until the force stays within 5 % of held_N; None: not before the "
+             "window")};
   }
 };
 

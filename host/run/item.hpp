@@ -18,7 +18,7 @@ template <class Get>
 struct Item {
   const char *key;
   Get get;
-  const char *meaning;  ///< meaning of the field; empty if the name is sufficient
+  const char *meaning;  ///< description of the result field; empty if its name is sufficient
 };
 
 /// Declares a field: `get` is a member, or a function of the struct.

@@ -26,7 +26,7 @@ namespace forceaxis::host {
 // One write to an object of the firmware.
 struct ObjectWrite {
   std::uint16_t object;
-  std::int32_t raw;  // raw value of the object; an unsigned value keeps its 32 bits
+  std::int32_t raw;  // raw value of the object; the bits of an unsigned 32-bit value are kept
 };
 
 // Returns the writes of the table in the order that the firmware requires: parameters, commands,

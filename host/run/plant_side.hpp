@@ -108,8 +108,10 @@ class PlantSide {
 
   // Number of ticks between two calls of the function options.stop.
   static constexpr std::int64_t kTicksBetweenAsking = 1024;
-  static constexpr std::uint8_t kEnabled = 1;   // same value as AXIS_DIGITAL_INPUTS_ENABLE
-  static constexpr std::uint8_t kNoFault = 0;   // same value as AXIS_FAULT_NONE
+  static constexpr std::uint8_t kEnabled = 1;  // has the same value as AXIS_DIGITAL_INPUTS_ENABLE
+                                               // of the firmware
+  // has the same value as AXIS_FAULT_NONE of the firmware
+  static constexpr std::uint8_t kNoFault = 0;
   static constexpr std::uint8_t kOldest = 255;  // largest age in LinkInputs
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
@@ -171,11 +173,11 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // index of the signal that ForceTask::signal names
+  std::size_t task_place_ = 0;      // index of the force signal, which ForceTask::signal names
   std::vector<double> task_force_;  // value in N, at each tick, of the signal ForceTask::signal
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
-  double position_sum_ = 0.0;  // of the encoder counts in the window
+  double position_sum_ = 0.0;  // sum of the encoder counts in the time window of the verdict
   Metrics metrics_;
   TraceHash hash_;
 };

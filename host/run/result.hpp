@@ -90,20 +90,20 @@ struct Metrics {
         item("position_ripple_late_count", Within{&M::position_ripple, &Ripple::late_count},
              "position ripple in the second half of the window, in encoder counts"),
         item("position_error_count", &M::position_error_count,
-             "mean position in the window minus the last position set-point, in encoder counts; "
-             "None if the experiment has no position set-point"),
+             "mean position in the window minus the last position set-point in counts; None "
+             "without one"),
         item("contacts", &M::contacts,
              "number of contacts that the criterion names, or of all contacts of the model"),
         item("contact_losses", &M::contact_losses, "number of contact losses in the window"),
         item("contact_losses_run", &M::contact_losses_run,
              "number of contact losses in the whole run"),
         item("first_contact_s", &M::first_contact_s,
-             "time at which each of these contacts had been closed at least once; None: one never "
+             "first time at which each of `contacts` was closed at least once; None if one never "
              "closed"),
         item("contact_at_window", &M::contact_at_window,
-             "True if all of these contacts are closed at the start of the window"),
+             "True if all contacts that `contacts` counts are closed at the start of the window"),
         item("in_contact", &M::in_contact,
-             "True if all of these contacts are closed at the end of the run"),
+             "True if all contacts that `contacts` counts are closed at the end of the run"),
         item("peak_force_N", &M::peak_force_N, "largest contact force in the whole run"),
         item("final_force_N", &M::final_force_N,
              "force of the first contact of the model at the last tick"),
@@ -113,15 +113,14 @@ struct Metrics {
              "number of ticks of the whole run in which the DAC code is at an end of the DAC "
              "range"),
         item("reading_range_ticks", &M::reading_range_ticks,
-             "number of ticks of the window in which the code of ADC 0 is at an end of its range, "
-             "or at the limit of the sensor or its electronics, and is not the code of the force "
-             "0"),
+             "number of ticks of the window with the force at an end of the measurable range, "
+             "except force 0"),
         item("setpoint_beyond_N", &M::setpoint_beyond_N,
              "last force set-point if it is outside the range of the measured force; otherwise "
              "None"),
         item("reading_end_N", &M::reading_end_N,
-             "end of the range of the measured force that the set-point exceeds, or at which the "
-             "reading was last in the window; otherwise 0"),
+             "end of the measured range that the set-point exceeds or the force last reached; "
+             "otherwise 0"),
         item("last_adc_change_tick", &M::last_adc_change_tick,
              "last tick in which the code of ADC 0 changed; 0 if it never changed"),
         item("held_force", &M::held_force,
@@ -145,11 +144,12 @@ struct CycleFigure {
     return std::tuple{
         item("name", &CycleFigure::name),
         item("kind", &CycleFigure::kind, "kind of evaluation element: peak, window, ..."),
-        item("value", &CycleFigure::value, "in `unit`; 0 if nothing was found"),
+        item("value", &CycleFigure::value,
+             "value of the evaluation element in `unit`; 0 if the element found no value"),
         item("unit", &CycleFigure::unit, "empty for a number"),
-        item("tick", &CycleFigure::tick, "tick in which the value was found"),
+        item("tick", &CycleFigure::tick, "tick of the sample that gave the value"),
         item("verdict", &CycleFigure::verdict,
-             "good, below, above, wrong side, again, not reached or aborted")};
+             "verdict: good, below, above, wrong side, again, not reached or aborted")};
   }
 };
 
@@ -173,14 +173,15 @@ struct CycleResult {
         item("state", &C::state, "value of the object cycle_state"),
         item("outcome", &C::outcome, "value of the object cycle_outcome"),
         item("failed_phase", &C::failed_phase,
-             "phase in which the cycle failed; empty if the cycle ended by its program"),
+             "name of the phase in which the cycle failed; empty if it ended as its program "
+             "intends"),
         item("cycles", &C::cycles, "number of cycles that were started"),
         item("invalid_ticks", &C::invalid_ticks,
              "number of ticks in evaluated phases whose sample is not valid; 0 before the end of a "
              "cycle"),
         item("phases", &C::phases, "names by number"),
         item("figures", &C::figures,
-             "one for each evaluation element; empty before the end of a cycle")};
+             "values of the evaluation elements in their order; empty before the end of a cycle")};
   }
 };
 
@@ -209,7 +210,8 @@ struct RunResult {
   std::string verdict;               // verdict of evaluate(); "" if the experiment has no criterion
   std::vector<Missed> missed;        // limits of the verdict that the run exceeds, found by
                                      // evaluate()
-  std::optional<CycleResult> cycle;  // result of the last press cycle; empty without a program
+  std::optional<CycleResult> cycle;  // result of the last press cycle; empty if the experiment has
+                                     // no cycle program
 };
 
 }  // namespace forceaxis::host

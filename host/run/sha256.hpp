@@ -99,9 +99,10 @@ class Sha256 {
   // The first 32 bits of the fractions of the square roots of the first 8 primes.
   std::array<std::uint32_t, 8> state_{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
                                       0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-  std::array<std::uint8_t, kBlockBytes> block_;  // data that does not yet fill a block
+  std::array<std::uint8_t, kBlockBytes> block_;  // last bytes of the data, which are fewer than a
+                                                 // block of the hash needs
   std::size_t used_ = 0;                         // number of bytes in block_
-  std::uint64_t bytes_ = 0;                      // number of bytes that were added to the hash
+  std::uint64_t bytes_ = 0;  // total number of bytes of the hashed data until now
 };
 
 }  // namespace forceaxis::host

@@ -54,9 +54,9 @@ struct Missed {
         item("limit", &Missed::limit, "key of [verdict], or the name of another condition"),
         item("verdict", &Missed::verdict, "verdict that this missed limit alone would give"),
         item("value", Finite{&Missed::value},
-             "value of the run; None means infinite, because the force does not settle"),
+             "value of the run; None if the force does not settle, so that the value is infinite"),
         item("bound", &Missed::bound),
-        item("unit", &Missed::unit, "N, %, s, count, tick, or empty")};
+        item("unit", &Missed::unit, "unit of the limit: N, %, s, count, tick, or empty")};
   }
 };
 

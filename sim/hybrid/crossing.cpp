@@ -11,7 +11,7 @@ using kernel::magnitude;
 struct Polynomial {
   const double *q;
   std::size_t degree;
-  double noise;       // upper bound of the rounding error of value()
+  double noise;       // upper bound of the rounding error in a result of value()
   double whole_bend;  // bound that bend(1) returns
 
   double value(double s) const {
@@ -46,7 +46,8 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
   double last_width = b - a;
   for (int step = 0; step < 200; ++step) {
     if (!(s > a && s < b)) s = a + 0.5 * (b - a);
-    if (!(s > a && s < b)) break;  // no floating-point number lies between a and b
+    // a and b are neighbouring floating-point numbers, so the search ends
+    if (!(s > a && s < b)) break;
     double slope = 0.0;
     const double value = g.value_and_slope(s, &slope);
     if (value >= 0.0) {

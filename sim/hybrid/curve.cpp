@@ -99,7 +99,8 @@ Curve Curve::sine(double amplitude, double period, int segments, int periods) {
   std::vector<double> x;
   std::vector<double> y;
   for (int k = -segments * periods; k <= segments * periods; ++k) {
-    if (k == 0) continue;  // no breakpoint at 0: one segment goes through the origin
+    // the curve has no breakpoint at 0, so that one segment goes through the origin
+    if (k == 0) continue;
     x.push_back(period * k / segments);
     y.push_back(amplitude * std::sin(2.0 * std::numbers::pi * (k % segments) / segments));
   }

@@ -22,8 +22,8 @@ class Detector {
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  ///< time in ticks from the instant of the state z to the change of the
-                         ///< switch
+    double after = 0.0;  ///< time in ticks after which the switch will change, counted from the
+                         ///< instant of the state z
   };
 
   /// Sets the assumed rounding error of Taylor coefficients to `factor` times its normal bound. If
@@ -98,8 +98,8 @@ class Detector {
   kernel::Calm calm_test_ = kernel::best_calm();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // last mode in which the check quiet() failed and the check
-                                     // calm() passed
+  const Mode *calm_mode_ = nullptr;  // mode of the plant in which, at the last check, quiet() was
+                                     // false and calm() was true
   int calm_left_ = 0;
   const Mode *expected_calm_ = nullptr;
   // Assumed relative rounding error of the Taylor coefficients.
@@ -111,7 +111,8 @@ class Detector {
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
   kernel::Vector piece_head_;
-  kernel::Vector piece_sizes_;  // magnitudes |B^2 z|, |w z| and |z| for the test of a piece
+  kernel::Vector piece_sizes_;  // magnitudes |B^2 z|, |w z| and |z| by which a piece of a tick is
+                                // checked for changes of a switch
   std::vector<double> absolute_;
   // One word of 64 bits for each channel, with one bit for each part of the time grid. A bit is set
   // if the signal of the channel can reach a bound in this part.

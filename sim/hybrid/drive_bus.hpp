@@ -41,7 +41,8 @@ class DriveBus {
     std::int32_t count = 0;
     /// Number of ticks since the drive has measured `count`, at most 255.
     std::uint8_t age_ticks = 0;
-    std::uint8_t report = 0;  ///< report of the drive as bits DriveBit; 0 without `enable_ticks`
+    std::uint8_t report = 0;  ///< state that the drive reports over its bus, as bits DriveBit; 0 if
+                              ///< the model has no key `enable_ticks`
   };
 
   DriveBus() = default;

@@ -59,7 +59,8 @@ class EnergyAccount {
   kernel::Multiply multiply_ = kernel::best_multiply();
   const Mode *mode_ = nullptr;
   kernel::Vector products_;
-  kernel::Vector integrals_;  // energies in J of all supplies, followed by those of all dampers
+  kernel::Vector integrals_;  // energies in J: first those that each source has supplied, then
+                              // those that each damper has dissipated
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;

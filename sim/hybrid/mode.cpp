@@ -193,7 +193,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   // Parts of a tick are halved until a short Taylor series is accurate to the rounding error.
   std::size_t parts = kFewestParts;
   const Influence scale = influence(a);
-  BoundMatrix growth;  // upper bound of e^{|A| T / parts}
+  BoundMatrix growth;  // matrix of upper bounds of the elements of e^{|A| T / parts}
   int order = 0;
   const auto highest = [&] { return parts == kMostGrid ? kHighestInGrid : kHighestOrder; };
   while ((order = absolute_series(a, parts, scale, kTruncation, highest(), &growth)) == 0) {

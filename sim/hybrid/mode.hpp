@@ -107,7 +107,7 @@ struct Mode {
   kernel::Vector low;
   kernel::Vector high;
 
-  double reach = 1.0;  ///< length of one part of the time grid in ticks, a power of 1/2
+  double reach = 1.0;  ///< length of one interval of the time grid in ticks, such as 1/2 or 1/4
   std::size_t order = 0;
   /// Number of rows of one matrix in `taylor`: padded(n).
   std::size_t flow_stride = 0;

@@ -29,7 +29,7 @@ struct Channel {
   int switch_index = 0;
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  int state_below = 0;  ///< new state of the switch after the signal falls below `low`
+  int state_below = 0;  ///< state to which the switch changes when its signal falls below `low`
   int state_above = 0;
 };
 
@@ -89,7 +89,7 @@ class Network {
   /// The state of the plant that has the shortest time constant in a mode.
   struct Fastest {
     std::string state;    ///< name of the body, drive or filter to which the state belongs
-    std::string element;  ///< name of the element with the largest effect on this state
+    std::string element;  ///< name of the element of the model that affects this state most
     double rate;          ///< inverse of the time constant with which the state changes, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;

@@ -44,9 +44,12 @@ struct Pieces {
   /// and the signals r z.
   kernel::Vector head;
   std::size_t head_stride = 0;
-  std::size_t bend_place = 0;   ///< first row of `head` for the curvatures r B^2 z of the signals
-  std::size_t fast_place = 0;   ///< first row of `head` for the fast modes, w z
-  std::size_t start_place = 0;  ///< first row of `head` for the signals r z
+  std::size_t bend_place = 0;   ///< index of the first row of the matrix `head` that gives r B^2 z,
+                                ///< the second derivatives of the signals
+  std::size_t fast_place = 0;   ///< index of the first row of the matrix `head` that gives w z, the
+                                ///< amplitudes of the fast modes
+  std::size_t start_place = 0;  ///< index of the first row of the matrix `head` that gives r z, the
+                                ///< values of the signals
 
   /// For each piece 0..halvings, the matrix, stored by columns, whose rows give the state, the ADC
   /// signals and the channel signals at the end of the piece.

@@ -88,7 +88,7 @@ struct Event {
   /// segment 0, segment 1 and so on.
   std::string from;
   std::string to;
-  bool jump = false;  ///< true: a new DAC code or an impulse has changed the switch
+  bool jump = false;  ///< true: a new DAC code or an impulse has changed the state of the switch
 };
 
 /// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
@@ -278,7 +278,8 @@ class Plant {
   // lines of the processor's cache.
   std::vector<double> encoder_row_;
   std::optional<MachineLaw> machine_law_;
-  std::size_t machine_signal_ = 0;  // index of the force that the controller measures
+  // index of the force signal that the machine controller measures
+  std::size_t machine_signal_ = 0;
 };
 
 }  // namespace forceaxis::sim

@@ -62,7 +62,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // The energy audit begins after the search for the first mode.
+  energy_.begin();  // Energies are summed from here on: the first mode is known now.
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -326,7 +326,8 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
 bool Stepper::cross_grid(double rest, bool quiet, bool whole, Progress *progress) {
   const Mode &m = *mode_;
   // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
-  const double places = rest / m.reach;  // exact: the divisor is a power of two
+  const double places = rest / m.reach;  // this division has no rounding error, because the divisor
+                                         // is a power of two
   std::size_t parts = m.grid;
   if (places < static_cast<double>(parts)) {
     parts = static_cast<std::size_t>(places);
@@ -402,7 +403,8 @@ static std::size_t longest_piece(const Pieces &pieces, std::uint64_t place, doub
 Stepper::Progress Stepper::cross_pieces(double rest) {
   const Mode &m = *mode_;
   const std::size_t halvings = m.pieces->halvings;
-  std::uint64_t place = 0;  // start of the next piece in the tick, in smallest pieces
+  std::uint64_t place = 0;  // time from the begin of the tick to the next piece; the unit is the
+                            // length of the smallest piece
   for (;;) {
     const double done = static_cast<double>(place) * m.reach;
     const double left = rest - done;

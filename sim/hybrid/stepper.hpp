@@ -92,7 +92,8 @@ class Stepper {
  private:
   // Result of a search for the next change of a switch.
   struct Progress {
-    double passed = 0.0;  // time in ticks by which the step has advanced the state
+    // time in ticks by which the last step has advanced the state of the plant
+    double passed = 0.0;
     bool changed = false;
     Detector::Change next;  // next change of a switch; valid if `changed` is true
   };
@@ -159,11 +160,11 @@ class Stepper {
     ModeKey key = 0;
     const Mode *mode = nullptr;
     const EnergyForms *forms = nullptr;  // quadratic forms of the energies; nullptr: not requested
-    int parts = 0;  // number of parts of the time grid in which energies were added without the
+    int parts = 0;  // number of intervals of the time grid whose energies were computed without the
                     // matrices `forms`
   };
   std::vector<Recent> recent_;
-  Recent *current_ = nullptr;  // the entry of recent_ for the present mode
+  Recent *current_ = nullptr;  // element of `recent_` for the present mode of the plant
 };
 
 }  // namespace forceaxis::sim

@@ -42,15 +42,16 @@ struct Wiring {
   /// drive.
   static constexpr int kEnable = -2;
   struct WireNode {
-    int selector;  ///< index of the switch that selects the sum that this wire carries; or kAlways
-                   ///< or kEnable
+    int selector;  ///< index of the switch that selects one of several sums as the value of this
+                   ///< wire; kAlways, kEnable: no switch selects it
     std::vector<Terms> cases;
   };
   struct Switch {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< mask of the switch's bit field before it is shifted
+    ModeKey mask = 0;  ///< mask of the bits of a mode number that contain the state of this switch,
+                       ///< before the shift
     bool of_drive = false;  ///< true: the switch has the state 0 while the drive is disabled
     int home = 0;
     /// State in which the ends of a friction have the same velocity; -1 for other switches.
@@ -148,7 +149,8 @@ struct Wiring {
   /// For each state, the name of a body, of a drive's state or of a filter.
   std::vector<std::string> state_names;
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< for each state: the terms whose sum is its derivative
+  std::vector<Terms> derivatives;  ///< for each state of the plant, the terms of the sum that is
+                                   ///< the derivative of the state
   std::vector<int> drive_states;   ///< indices of the states that are 0 while the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;

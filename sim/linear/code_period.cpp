@@ -181,7 +181,7 @@ class CodePeriod::Flow {
 
   Index states_;
   int order_;
-  Extended cycle_, every_;  // bus cycle and sample period in ticks
+  Extended cycle_, every_;  // cycle time of the bus and sampling period of the sensor, in ticks
   SincFilter filter_;
   ExtendedMatrix C_;
   Extended D_;

@@ -12,8 +12,10 @@ namespace forceaxis::sim {
 /// ages mix frequencies. Over a bus, the effect has the largest age. Without a known phase, the
 /// ages are the largest possible ones.
 struct Hold {
-  int bus_ticks = 1, bus_delay_ticks = 0;  ///< cycle and delay of the command
-  /// Number of different ages of the reading; 0: each reading was sampled at its own tick.
+  int bus_ticks = 1, bus_delay_ticks = 0;  ///< cycle time of the bus, and delay of the command on
+                                           ///< the bus, in ticks
+  /// Number of different ages that a reading of the sensor can have; 0: the sensor samples at each
+  /// tick.
   int readings = 0;
   /// Smallest age, and difference between two successive ages, in ticks.
   Extended least_age = 0, between_ages = 0;

@@ -29,7 +29,8 @@ constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
 // half-widths of the resonance.
 constexpr double kPointsPerSide = 42;
 constexpr Extended kFarthestHalfWidths = 25;
-constexpr double kDampingMax = 0.3;  // roots with a larger damping ratio need no denser grid
+constexpr double kDampingMax = 0.3;  // near roots with a larger damping ratio the frequency grid
+                                     // need not be denser
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // value of |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
@@ -150,11 +151,12 @@ class GridMaker {
   int cycle_ticks_;
   double cycle_hz_;  // rate in Hz at which the drive receives commands
   std::vector<Point> common_;
-  std::vector<double> common_w_;  // w_of() of all common points, one alias frequency after another
+  std::vector<double> common_w_;  // tan(pi f tick_s) of all common points: first at one alias
+                                  // frequency, then at the next
   mutable std::mutex lock_;
   mutable std::deque<std::pair<Hold, std::shared_ptr<const std::vector<Complex>>>> factors_;
-  std::vector<double> around_;  // distances between grid points and a resonance, as multiples of
-                                // the width of the resonance
+  std::vector<double> around_;  // distances of the grid points around a resonance from the
+                                // resonance, divided by its width
 };
 
 // Returns true if a pole of the plant is an integral.
@@ -194,8 +196,7 @@ struct LawGrid::Loop {
 
   std::vector<double> real, imag, square, noise;
   std::vector<Turned> turned;  // loop gain with each delay
-  Turned apart;                // loop gain with one delay, before the sum over the alias
-                               // frequencies
+  Turned apart;  // loop gain with one delay at each alias frequency, before these are added
 };
 
 // The loop gain L with one delay around one plant: real part, imaginary part and |L|^2 at the grid
@@ -502,8 +503,9 @@ namespace {
 // The range of low frequencies, from 0 on, in which the gain of a loop with two integrals is close
 // to -1 at some gain of the law.
 struct LowEnd {
-  std::size_t points = 0;  // number of grid points in the low range
-  double least_gain = 0;   // at larger gains, |S| is within its bound at these frequencies
+  std::size_t points = 0;  // number of points of the frequency grid that belong to the low range
+  double least_gain = 0;  // above this gain, |S| is within its bound at all points of the low range
+                          // of frequencies
 };
 
 // `share` has the same meaning as in first_root(). A loop whose phase begins below -180 degrees is

@@ -26,7 +26,7 @@ namespace forceaxis::sim {
 
 /// Bounds that all loops have to keep. Infinity means no bound.
 struct LawBounds {
-  std::vector<double> ms;         ///< largest permitted |S|, above 1, for each delay of the loop
+  std::vector<double> ms;         ///< largest permitted |S|, above 1, with each delay of the loop
   double gain_margin = 1.0;       ///< smallest permitted gain margin, as a factor
   double phase_margin_deg = 0.0;  ///< smallest permitted phase margin in degrees; 0: no bound
 
@@ -39,7 +39,8 @@ struct GainLimit {
   enum class Bound { hf, ms, gm, pm };
   double gain = 0.0;
   Bound bound = Bound::hf;
-  std::size_t plant = 0, delay = 0;  ///< indices of plant and delay; not used for Bound::hf
+  std::size_t plant = 0, delay = 0;  ///< index of the plant and index of the delay whose loop has
+                                     ///< this bound; not used for Bound::hf
   double frequency_hz = 0.0;
   /// Smallest gain that the bounds permit. It is 0 unless plant and law have an integral each: such
   /// a loop has little phase margin at low frequency if its gain is small.
@@ -55,7 +56,7 @@ struct LoopFigures {
   /// grid, and half the tick rate if |T| is above at the last one.
   double fT_hz;
   double Ms;                ///< largest magnitude of the sensitivity function, |S|
-  double gain_margin;       ///< gain margin as a factor; infinity if the loop has none
+  double gain_margin;       ///< gain margin as a factor; infinity if no larger gain is unstable
   double phase_margin_rad;  ///< phase margin with the smallest magnitude; infinity if |L| reaches 1
                             ///< at no frequency
 };
@@ -73,7 +74,8 @@ struct PreciseFigures {
   /// loop. This is also so for a loop with a pole, a zero or a bandwidth below the lowest frequency
   /// of the grid.
   bool known_stable = false;
-  double fS_hz = 0;  ///< frequency as in LoopFigures; infinity if |S| stays below -3 dB
+  double fS_hz = 0;  ///< first frequency at which |S| rises above -3 dB; infinity if |S| stays
+                     ///< below -3 dB
   double fT_hz = 0;  ///< last frequency at which |T| falls below -3 dB; infinity if |T| stays above
                      ///< -3 dB
   double Ms = 0;
@@ -125,7 +127,7 @@ class LawGrid {
   struct Turned;
   struct Curve;
   class Precise;
-  class Sight;  // gain of one loop at any frequency
+  class Sight;  // computes the loop gain of one loop at any frequency
   void add_frequency(double w);
   void add_aliases(const Turned &apart, std::size_t at, Turned &sum, std::size_t to,
                    std::size_t points) const;

@@ -26,8 +26,9 @@ struct Linear {
 /// its range. `states` gives other states, as element -> state with the names of Event.
 struct LinearMode {
   std::map<std::string, std::string> states;
-  bool free = false;  ///< true: contacts without a given state are open
-  bool drive = true;  ///< false: the drive is removed, and the input drive.force replaces its force
+  bool free = false;  ///< true: contacts of the model whose state the caller does not give are open
+  bool drive = true;  ///< false: the model is analysed without its drive, and the input drive.force
+                      ///< is the force on the axis
 };
 
 /// The name of an element with discrete states, and the names of these states as in Event.

@@ -14,10 +14,10 @@ using Extended = long double;
 using Pair = RampResponse::Pair;
 using ComplexPair = RampResponse::ComplexPair;
 
-constexpr double kPeriodRamps = 30.0;    // ratio of the period of the set-point to the ramp time
-constexpr std::size_t kHarmonics = 256;  // largest number of odd harmonics of the set-point that
-                                         // are summed
-constexpr std::size_t kPeriod = 2048;    // number of computed instants of the response per period
+constexpr double kPeriodRamps = 30.0;       // ratio of the period of the set-point to the ramp time
+constexpr std::size_t kHarmonics = 256;     // largest number of odd harmonics of the set-point that
+                                            // are summed
+constexpr std::size_t kPeriod = 2048;       // number of instants in a period of the response
 constexpr std::size_t kPart = kPeriod / 8;  // number of points of one Fourier transform
 constexpr double kHighestShare = 0.49;      // ratio of the highest harmonic's frequency to the tick
                                             // rate

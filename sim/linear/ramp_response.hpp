@@ -40,7 +40,8 @@ class RampResponse {
   // Values tan(pi f T) of all harmonics, followed by those of their alias frequencies (alias_of).
   std::vector<double> w_;
   std::vector<std::complex<double>> setpoint_;  // spectrum of the set-point
-  std::vector<ComplexPair> plants_;  // delayed responses in pairs; the last may be repeated
+  std::vector<ComplexPair> plants_;  // responses of all plants with their delay; each element of
+                                     // the vector has two responses
 };
 
 }  // namespace forceaxis::sim

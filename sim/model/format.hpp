@@ -44,10 +44,12 @@ struct KeyFormat {
   const TableFormat *table = nullptr;
   bool list = false;  ///< The value of the key is a list of tables, [[key]].
 
-  /// Other key without which this key has no meaning. Empty if this key has a meaning by itself.
+  /// Name of another key of the same table that this key needs to have a meaning. Empty if this key
+  /// needs no other key.
   std::string_view beside = {};
-  bool needed_beside = false;  ///< The key is required if the table has the key `beside`.
-  bool rising = false;         ///< The numbers of a list must be in ascending order.
+  bool needed_beside = false;  ///< True: a table with the key that `beside` names must also have
+                               ///< this key.
+  bool rising = false;  ///< True: the value is a list of numbers, which must be in ascending order.
 
   /// Advice to the user in the message about a text that is not a permitted choice.
   std::string_view advice = {};

@@ -293,7 +293,7 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
     for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
     return sum;
   };
-  Rows basis;  // orthonormal basis of the constraint rows handled so far
+  Rows basis;  // orthonormal basis of the rows of all constraints that were checked before
   for (const Constraint &constraint : constraints) {
     std::vector<double> row(points.front().size(), 0.0);
     for (std::size_t i = 0; i < row.size(); ++i)
@@ -322,7 +322,8 @@ void check_independent(const Model &model, const std::vector<Constraint> &constr
 // Refuses a loop of frictions, because the friction forces in the loop are undetermined while all
 // of these frictions stick.
 void check_frictions(const Model &model) {
-  std::vector<int> group(model.point_names().size() + 1);  // element 0 stands for the ground
+  // group of each point of the model; index 0 is the ground
+  std::vector<int> group(model.point_names().size() + 1);
   std::vector<Constraint> constraints;
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
   const auto join = [&](const char *element, std::size_t i, const auto &friction) {

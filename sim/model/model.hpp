@@ -77,7 +77,7 @@ struct InputError : std::runtime_error {
   /// Path of the key with the error, such as parameters.m_r.value or body[1].mass. Entries of a
   /// list are counted from 0.
   std::string key;
-  std::string message;  ///< text of the message after the file name and the key
+  std::string message;  ///< text of the error message, without the file name and the key
 };
 
 struct Parameter {
@@ -152,7 +152,7 @@ struct Model {
   /// no switches.
   Boxed<Switches> switches;
   std::array<Boxed<Adc>, 2> adc;
-  Boxed<Dac> dac;  ///< always has a value
+  Boxed<Dac> dac;  ///< the digital-to-analog converter; never empty
 
   /// Returns all signals of the model, in the order of Plant::signals().
   std::vector<SignalInfo> signal_list() const;

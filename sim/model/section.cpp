@@ -105,7 +105,8 @@ std::shared_ptr<const toml::table> shared_toml(const std::string &file) {
     std::shared_ptr<const toml::table> table;
   };
   constexpr std::size_t kKept = 8;
-  thread_local std::deque<Parsed> parsed;  // the file that was parsed last comes first
+  // the last parsed files; the newest one is the first element
+  thread_local std::deque<Parsed> parsed;
   std::string text = text_of(file);
   const auto same = [&](const Parsed &one) { return one.file == file && one.text == text; };
   const auto found = std::find_if(parsed.begin(), parsed.end(), same);

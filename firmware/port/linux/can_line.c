@@ -59,7 +59,8 @@ static void take_error(can_line_t *line, const struct can_frame *frame) {
     line->controller = CAN_BUS_PASSIVE;
   }
   if ((controller & CAN_ERR_CRTL_RX_OVERFLOW) != 0) {
-    /* Counts one more lost frame, because lost frames are counted from last_lost on. */
+    /* A received frame was lost. Lost frames are counted from last_lost on, so a decrease counts
+     * one more. */
     line->last_lost--;
   }
 }

@@ -22,7 +22,7 @@ typedef struct {
   bool is_force;
 } channel_t;
 
-/* The error sentence that iio_open() returned last. */
+/* The sentence about an error that iio_open() has returned last. */
 static char message[2 * PATH_BYTES];
 
 /* Reads a decimal number from 0 to `most`, and moves *text to the first character after the
@@ -254,7 +254,7 @@ const char *iio_open(iio_t *iio, const iio_settings_t *settings) {
   return NULL;
 }
 
-/* Makes one read from the device. Returns true if more bytes may be available. */
+/* Reads once from the IIO device. Returns true if more bytes may be available. */
 static bool read_more(iio_t *iio) {
   const ssize_t count = read(iio->fd, iio->bytes + iio->used, sizeof(iio->bytes) - iio->used);
   const bool is_none = count < 0 && (errno == EAGAIN || errno == EINTR);

@@ -33,14 +33,15 @@ typedef struct {
   const char *buffer; /* character device of the converter, for example /dev/iio:device0 */
   /* name of the force channel without the prefix in_ and without a suffix, for example voltage0 */
   const char *channel;
-  uint8_t shift; /* number of low bits of the value that are cut off, 0..31, or IIO_SHIFT_OWN */
+  /* number of low bits of the value that are cut off, 0..31; IIO_SHIFT_OWN: as the device states */
+  uint8_t shift;
 } iio_settings_t;
 
 /* Format of a value in a scan: `[be|le]:[s|u]bits/storagebits[Xrepeat][>>shift]`. */
 typedef struct {
   bool is_big;    /* true: the highest byte of a value is first */
-  bool is_signed; /* true: a value is two's complement */
-  uint8_t bits;   /* number of valid bits of a value, 1..64 */
+  bool is_signed; /* true: the values of the channel are two's complement numbers */
+  uint8_t bits;   /* number of valid bits of a value of the channel, 1..64 */
   uint8_t bytes;  /* size of one value with its padding: 1, 2, 4 or 8 */
   uint8_t repeat; /* number of values of the channel in a scan: 1, 2, 4 or 8 */
   /* number of unused bits below the valid bits; shift + bits is at most 8 x bytes */

@@ -128,7 +128,7 @@ static object_t written[OBJECTS_MAX];
 static object_t shown[OBJECTS_MAX];
 static uint8_t written_count;
 static uint8_t shown_count;
-static long long last_ns; /* time of the last tick in ns; 0 before the first tick */
+static long long last_ns; /* time at which the last tick began, in ns; 0 before the first tick */
 /* true if the last tick has enabled the axis; the watcher thread may have cleared the HAL pin since
  * then */
 static bool was_enabled;

@@ -178,7 +178,7 @@ const store_memory_t *flash_archive(void);
  * running image has no trailer. */
 const fw_slots_t *board_slots(void);
 
-/* Begin of the image. The linker script defines this symbol. */
+/* Address at which the firmware image begins. The linker script defines this symbol. */
 extern const uint32_t vectors_begin[];
 
 /* Restarts the chip after a command. The outputs are off. The next start does not report this

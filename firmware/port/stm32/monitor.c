@@ -22,7 +22,7 @@ static uint8_t reference_wrong;
 static bool is_reference; /* true: the present conversion measures the internal reference; false: it
                            * measures pin PA4 */
 static bool is_started;
-static int16_t expected; /* DAC code that is output during the present conversion */
+static int16_t expected; /* DAC code that the DAC outputs during the ADC's conversion */
 static int32_t nominal = REFERENCE_CODE;
 
 static uint8_t next(uint8_t count, bool is_wrong) {

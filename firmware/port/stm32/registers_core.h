@@ -110,7 +110,7 @@ typedef struct {
 #define MPU_RASR_ENABLE BIT(0)
 /* A region of the memory protection has 2^n bytes. */
 #define MPU_RASR_SIZE(n) FIELD(1, 5, (n)-1)
-/* Eighths of a region that are excluded from it, one bit for each eighth. */
+/* Eighths of a region of the memory protection that are not protected, one bit for each eighth. */
 #define MPU_RASR_SRD(eighths) FIELD(8, 8, eighths)
 #define MPU_RASR_C BIT(17)
 #define MPU_RASR_AP_NONE FIELD(24, 3, 0)

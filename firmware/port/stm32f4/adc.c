@@ -32,7 +32,7 @@ void adc_init(void) {
   /* The internal reference needs a sampling time of 10 us; 480 cycles are 23 us. */
   ADC1->SMPR1 = ADC_SMPR1_SMP17_480;
   ADC1->SMPR2 = ADC_SMPR2_SMP4_480 | ADC_SMPR2_SMP6_28 | ADC_SMPR2_SMP7_28;
-  ADC1->SQR1 = 0; /* The regular group consists of one conversion. */
+  ADC1->SQR1 = 0; /* The regular group of the ADC has only one conversion. */
   /* If the injected group has two conversions, they use the last two of the four entries in
    * JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;

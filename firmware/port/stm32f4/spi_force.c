@@ -30,11 +30,11 @@ enum { TRANSFER_US = 100, CONVERSION_US = 2000, AGE_MAX = 255 };
 static uint8_t kind; /* value of the object force_converter; 0: no converter */
 static uint8_t sent[CONVERTER_BYTES];
 static uint8_t received[CONVERTER_BYTES];
-/* state of the converter; only the interrupt writes this variable */
+/* state of the force converter; only the interrupt writes this variable */
 static converter_t converter;
 static volatile uint8_t readings; /* number of readings without an error, modulo 256 */
 static volatile uint8_t errors;   /* number of readings with an error, modulo 256 */
-static uint8_t seen;              /* value of the counter `readings` in the last tick */
+static uint8_t seen;              /* value that the counter `readings` had in the last tick */
 static uint8_t errors_seen;
 static uint8_t age = AGE_MAX;
 

@@ -75,7 +75,7 @@ void adc_init(void) {
   if ((ADC1->CR & ADC2->CR & ADC_CR_ADEN) == 0) {
     return;
   }
-  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* The regular group of each ADC consists of one conversion. */
+  ADC1->SQR1 = ADC_SQR1_SQ1_18; /* The regular group of each ADC has only one conversion. */
   ADC2->SQR1 = ADC_SQR1_SQ1_17;
   ADC2->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JEXTSEL_TIM4_TRGO | ADC_JSQR_JEXTEN_RISING |
                ADC_JSQR_JSQ1_3 | ADC_JSQR_JSQ2_4;

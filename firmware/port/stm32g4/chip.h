@@ -81,7 +81,7 @@ void flash_nmi(void);
  * this error. Returns the number of counted errors. Call this function once in each tick. */
 uint16_t flash_corrected(void);
 
-/* memories.c: first function of the start-up, before reset(). */
+/* memories.c: the first function of the start-up, which then calls reset(). */
 _Noreturn void touch_memories(void);
 
 /* Interrupt handlers for the vectors in startup.c. */

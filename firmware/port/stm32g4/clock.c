@@ -16,8 +16,8 @@
  * accepted. */
 enum { POLLS_MAX = 4000, POLLS_OF_CRYSTAL = 11000 };
 
-/* Number of loops in which the core waits for 1 us at half its clock, before its clock becomes 168
- * MHz. A loop takes at least 3 cycles of 84 MHz. */
+/* Number of loops of a pause of 1 us. In this pause the core runs at half its clock, before it runs
+ * at 168 MHz. A loop takes at least 3 cycles of 84 MHz. */
 enum { LOOPS_OF_1_US = 32 };
 
 static bool is_external;

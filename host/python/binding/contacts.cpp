@@ -115,7 +115,8 @@ class Contacts {
         first += volts.size();
         start += kStartValues;
       }
-    } catch (const std::runtime_error &) {  // the error is a SimulationError or an InputError
+      // a simulation that fails ends with a SimulationError or an InputError
+    } catch (const std::runtime_error &) {
       std::fill(out, out + kSignals * steps_, std::numeric_limits<double>::quiet_NaN());
     }
   }
@@ -144,7 +145,7 @@ class Contacts {
   bool encoder_ = false;
   std::vector<bool> moved_;  // for each body of the model: true if the start values move the body
   std::vector<std::vector<double>> volts_;
-  std::size_t steps_ = 0;  // number of steps of all contacts together
+  std::size_t steps_ = 0;  // total number of time steps in all simulated contacts
 };
 
 }  // namespace

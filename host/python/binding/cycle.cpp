@@ -130,7 +130,8 @@ CurveJudge judge_of_program(const std::filesystem::path &file, double travel_cou
   scales.q8_per_N = 1 / force_count_N;
   scales.ticks_per_s = rate_hz;
   scales.limit_N = CYCLE_FORCE_MAX_Q8 * force_count_N;
-  scales.rated_N = scales.limit_N / 32;  // The record has forces of up to 32 times this one.
+  // A curve record contains at most 32 times the rated force.
+  scales.rated_N = scales.limit_N / 32;
   scales.tare_band_q8 = scales.tare_most = CYCLE_FORCE_MAX_Q8;
   scales.tare_least = -CYCLE_FORCE_MAX_Q8;
   scales.position_most = scales.span = scales.most_q8 = infinity;

@@ -103,7 +103,7 @@ struct JournalHeader {
              "number of ticks of the recorded run; None if the journal is incomplete"),
         item("replayed", &H::replayed, "number of ticks that a replay repeats"),
         item("trace_hash", Within{&H::journal, &J::trace_hash},
-             "of the recorded run; empty if the journal is incomplete")};
+             "trace hash of the recorded run; empty if the journal is incomplete")};
   }
 };
 

@@ -102,7 +102,8 @@ struct AxisObject {
         item("max", Within{o, &M::max}, "largest raw value"),
         item("default", Within{o, &M::initial}, "raw value after power-up"),
         item("access", Within{o, &M::access}, "rw, ro or wo"),
-        item("writable", Within{o, &M::writable}, "any, disabled or recorder_idle"),
+        item("writable", Within{o, &M::writable},
+             "states in which the object can be written: any, disabled or recorder_idle"),
         item("enum", &AxisObject::texts, "texts of the raw values 0, 1, 2, ..."),
         item("index", Within{o, &M::index}, "CANopen index"),
         item("sub", Within{o, &M::sub}),
@@ -157,7 +158,8 @@ struct StatusState {
 
 struct Refusal {
   static constexpr const char *kName = "Refusal";
-  static constexpr const char *kMeaning = "A result of a refused access to an object.";
+  static constexpr const char *kMeaning =
+      "Reason for which the firmware refuses an access to an object.";
   axis_refusal_t r;
 
   table::Fixed<std::uint32_t> aborts() const {
@@ -172,7 +174,8 @@ struct Refusal {
     return std::tuple{item("error", Within{r, &R::error}, "number in the firmware"),
                       item("name", Within{r, &R::name}),
                       item("text", Within{r, &R::text}, "text for the user"),
-                      item("aborts", &Refusal::aborts, "SDO abort codes that report it")};
+                      item("aborts", &Refusal::aborts,
+                           "SDO abort codes with which the axis reports this refusal")};
   }
 };
 

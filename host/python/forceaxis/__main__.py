@@ -20,7 +20,7 @@ def main() -> None:
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
         # Python ignores an interrupt (Ctrl-C) that occurs in a destructor.
-        # This function therefore raises an interrupt again that occurred in a destructor.
+        # This function raises an interrupt again if it occurred in a destructor.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:

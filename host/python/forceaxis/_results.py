@@ -12,16 +12,14 @@ class HeldForce:
     """The controlled force over the window of the verdict."""
 
     setpoint_N: float
-    held_N: float  # mean over the window of the verdict
-    error_N: float  # set-point less held_N
+    held_N: float  # mean of the force over the time window of the verdict
+    error_N: float  # set-point minus held_N
     error_percent: float  # magnitude of error_N, in per cent of the set-point
     # largest excess of the force over the set-point after from_s, in per cent of the set-point
     overshoot_percent: float
-    # time at which `settle_s` begins: last change of the set-point, last impulse, start or end of
-    # an excitation, or a later first contact
+    # start of `settle_s`: last change of set-point or excitation, last impulse or first contact
     from_s: float
-    # time from from_s until the force stays within 5 % of held_N; None: it does not settle before
-    # the window
+    # time after from_s until the force stays within 5 % of held_N; None: not before the window
     settle_s: float | None
 
 
@@ -36,29 +34,27 @@ class Metrics:
     position_ripple_count: float  # position ripple in the window of the verdict, in encoder counts
     # position ripple in the second half of the window, in encoder counts
     position_ripple_late_count: float
-    # mean position in the window minus the last position set-point, in encoder counts; None if the
-    # experiment has no position set-point
+    # mean position in the window minus the last position set-point in counts; None without one
     position_error_count: float | None
     contacts: int  # number of contacts that the criterion names, or of all contacts of the model
     contact_losses: int  # number of contact losses in the window
     contact_losses_run: int  # number of contact losses in the whole run
-    # time at which each of these contacts had been closed at least once; None: one never closed
+    # first time at which each of `contacts` was closed at least once; None if one never closed
     first_contact_s: float | None
-    contact_at_window: bool  # True if all of these contacts are closed at the start of the window
-    in_contact: bool  # True if all of these contacts are closed at the end of the run
+    # True if all contacts that `contacts` counts are closed at the start of the window
+    contact_at_window: bool
+    in_contact: bool  # True if all contacts that `contacts` counts are closed at the end of the run
     peak_force_N: float  # largest contact force in the whole run
     final_force_N: float  # force of the first contact of the model at the last tick
     # number of ticks of the window in which the DAC code is at an end of the DAC range
     saturated_ticks: int
     # number of ticks of the whole run in which the DAC code is at an end of the DAC range
     saturated_run_ticks: int
-    # number of ticks of the window in which the code of ADC 0 is at an end of its range, or at the
-    # limit of the sensor or its electronics, and is not the code of the force 0
+    # number of ticks of the window with the force at an end of the measurable range, except force 0
     reading_range_ticks: int
     # last force set-point if it is outside the range of the measured force; otherwise None
     setpoint_beyond_N: float | None
-    # end of the range of the measured force that the set-point exceeds, or at which the reading was
-    # last in the window; otherwise 0
+    # end of the measured range that the set-point exceeds or the force last reached; otherwise 0
     reading_end_N: float
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed; 0 if it never changed
     held_force: HeldForce | None  # the controlled force; None if the experiment controls no force
@@ -74,13 +70,11 @@ class Criterion:
     force_ripple_max_count: float | None
     # Largest peak-to-peak ripple of the encoder, in counts.
     position_ripple_max_count: float | None
-    # Largest distance from the last position set-point to the mean position in the window, in
-    # counts of the encoder.
+    # Largest distance of the mean position in the window from the last set-point, in counts.
     position_error_max_count: float | None
     # Largest difference between the mean force in the window and the set-point.
     held_force_error_max_N: float | None
-    # Largest difference between the mean force in the window and the set-point, in percent of the
-    # set-point.
+    # Largest error of the mean force in the window, in percent of the force set-point.
     held_force_error_max_percent: float | None
     # Largest excess of the force over the last set-point, in percent of the set-point.
     overshoot_max_percent: float | None
@@ -89,8 +83,7 @@ class Criterion:
     peak_force_max_N: float | None  # Largest force of any contact over the complete run.
     # Largest force of any contact over the complete run, in percent of the last set-point.
     peak_force_max_percent: float | None
-    # Largest number of contact losses over the complete run, counted for the contacts of
-    # contact_held or else for all contacts.
+    # Largest number of losses of the contacts of contact_held, or of all contacts, in the run.
     contact_losses_max: float | None
     # Longest total time of the DAC code at an end of its range, over the complete run.
     saturated_max_s: float | None
@@ -104,9 +97,10 @@ class MissedLimit:
 
     limit: str  # key of [verdict], or the name of another condition
     verdict: str  # verdict that this missed limit alone would give
-    value: float | None  # value of the run; None means infinite, because the force does not settle
+    # value of the run; None if the force does not settle, so that the value is infinite
+    value: float | None
     bound: float
-    unit: str  # N, %, s, count, tick, or empty
+    unit: str  # unit of the limit: N, %, s, count, tick, or empty
 
 
 @dataclass(frozen=True)
@@ -137,10 +131,10 @@ class CycleFigure:
 
     name: str
     kind: str  # kind of evaluation element: peak, window, ...
-    value: float  # in `unit`; 0 if nothing was found
+    value: float  # value of the evaluation element in `unit`; 0 if the element found no value
     unit: str  # empty for a number
-    tick: int  # tick in which the value was found
-    verdict: str  # good, below, above, wrong side, again, not reached or aborted
+    tick: int  # tick of the sample that gave the value
+    verdict: str  # verdict: good, below, above, wrong side, again, not reached or aborted
 
 
 @dataclass(frozen=True)
@@ -150,12 +144,14 @@ class CycleReport:
     title: str  # title of the program
     state: str  # value of the object cycle_state
     outcome: str  # value of the object cycle_outcome
-    failed_phase: str  # phase in which the cycle failed; empty if the cycle ended by its program
+    # name of the phase in which the cycle failed; empty if it ended as its program intends
+    failed_phase: str
     cycles: int  # number of cycles that were started
     # number of ticks in evaluated phases whose sample is not valid; 0 before the end of a cycle
     invalid_ticks: int
     phases: list[str]  # names by number
-    figures: list[CycleFigure]  # one for each evaluation element; empty before the end of a cycle
+    # values of the evaluation elements in their order; empty before the end of a cycle
+    figures: list[CycleFigure]
 
 
 @dataclass(frozen=True)
@@ -164,9 +160,9 @@ class CycleEnd:
     after the limits."""
 
     when: str
-    value: float | None  # in `unit`; None if it has none
+    value: float | None  # value of the condition in `unit`; None if the condition has no value
     unit: str  # s, N, N/m, m, or empty
-    next: str  # name of the phase that follows, or end
+    next: str  # name of the phase that follows this condition, or end
 
 
 @dataclass(frozen=True)
@@ -187,10 +183,10 @@ class CycleElement:
 
     name: str
     kind: str  # kind of evaluation element: peak, window, ...
-    is_shape: bool  # True for a window and an envelope, whose bounds are no two numbers
+    is_shape: bool  # True for a window or an envelope, whose bounds are curves and not two numbers
     phases: list[str]
     over: str  # travel or time
-    of: str  # x or force: what crosses the level of `at` and `difference`
+    of: str  # quantity that crosses the level of the kinds `at` and `difference`: x or force
     unit: str  # SI unit of the value; empty for a number
     per_value: float  # value in SI units = value of the firmware * per_value
     x_from: float | None
@@ -208,11 +204,11 @@ class CycleProgram:
 
     file: Path
     title: str
-    number: int  # number by which the axis selects the program; 0: none
-    record: bytes  # the program as an axis takes it (firmware/cycle/program.h)
+    number: int  # number by which an axis selects this program; 0: it cannot be selected
+    record: bytes  # bytes of the program that are downloaded to an axis (firmware/cycle/program.h)
     crc: int  # CRC of the record
     zero: str  # what defines travel 0: touch, force or position
-    zero_at: float | None  # the force in N, or the position in m
+    zero_at: float | None  # force in N or position in m that defines travel 0
     phases: list[CyclePhase]
     elements: list[CycleElement]
     compliance: list[tuple[float, float]]  # points (N, m): deflection of the press over the force
@@ -268,7 +264,7 @@ class JournalHeader:
     entries: int
     ticks: int | None  # number of ticks of the recorded run; None if the journal is incomplete
     replayed: int  # number of ticks that a replay repeats
-    trace_hash: str  # of the recorded run; empty if the journal is incomplete
+    trace_hash: str  # trace hash of the recorded run; empty if the journal is incomplete
 
 
 @dataclass(frozen=True)
@@ -298,7 +294,7 @@ class AxisObject:
     max: int  # largest raw value
     default: int  # raw value after power-up
     access: str  # rw, ro or wo
-    writable: str  # any, disabled or recorder_idle
+    writable: str  # states in which the object can be written: any, disabled or recorder_idle
     enum: tuple[str, ...]  # texts of the raw values 0, 1, 2, ...
     index: int  # CANopen index
     sub: int
@@ -338,9 +334,9 @@ class StatusState:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A result of a refused access to an object."""
+    """Reason for which the firmware refuses an access to an object."""
 
     error: int  # number in the firmware
     name: str
     text: str  # text for the user
-    aborts: tuple[int, ...]  # SDO abort codes that report it
+    aborts: tuple[int, ...]  # SDO abort codes with which the axis reports this refusal

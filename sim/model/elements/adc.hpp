@@ -87,7 +87,8 @@ struct Adc {
   /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
   /// code is the upper 16 bits of a longer code.
   double rounding = 0.5;
-  std::optional<Sampling> sampling;  ///< empty: one sample at each tick, without delay
+  std::optional<Sampling> sampling;  ///< sampling of the ADC; empty: the ADC samples at each tick,
+                                     ///< without delay
 
   /// Order of the filter of a sigma-delta converter, 3 to 5, or 0 for none (sinc_filter.hpp). A
   /// converter with a filter also has `sampling`.

@@ -96,7 +96,7 @@ std::optional<VelocityGains> velocity_gains(double mass_kg, double bandwidth, do
   };
   double low = 0.0;
   double high = current_bandwidth / (2.0 * damping_ratio);
-  constexpr double kMost = 1.0 - 1e-9;  // At factor 1 there is no integral action.
+  constexpr double kMost = 1.0 - 1e-9;  // factor 1: the velocity loop has no integral action
   if (!follows(high * kMost)) return std::nullopt;
   high *= kMost;
   for (int k = 0; k < 200 && low < high; ++k) {

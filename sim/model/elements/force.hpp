@@ -43,7 +43,7 @@ struct External {
   static constexpr std::string_view kMeaning =
       "An external force on one body, a table over the time.";
   std::string name;
-  int body = kGround;         ///< index of the point on which the force acts
+  int body = kGround;         ///< index of the body or port on which the force acts
   std::vector<double> times;  ///< times in s since tick 0 in ascending order, >= 0, at least two
 
   /// Force in N at each time. The force is interpolated between the times. It is 0 before the first

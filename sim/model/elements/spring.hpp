@@ -8,7 +8,7 @@ struct Spring : Link {
       "A spring with damping. For d = x_a - x_b, the force stiffness * d + damping * d' "
       "acts backwards on a and forwards on b.";
   Slopes stiffness;      ///< stiffness in N/m, >= 0, as a function of the deflection in m
-  double damping = 0.0;  ///< damping in N s/m, >= 0, at every velocity
+  double damping = 0.0;  ///< damping in N s/m, >= 0; does not depend on the velocity
 
   /// Spring and dashpot in parallel with the stiffness.
   std::optional<Maxwell> maxwell = std::nullopt;

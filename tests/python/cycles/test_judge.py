@@ -692,7 +692,7 @@ REFUSED = [
      "expected samples at a constant rate"),
     (lambda m: changed(m, position={"values": 1e6 * m["position"].values}),
      "expected a motion of at most 2147483647 counts, which are 2147.48 m"),
-    (lambda m: with_phase(m, 0.5), "phase: expected whole numbers of phases, got 0.5"),
+    (lambda m: with_phase(m, 0.5), "phase: expected the number of a phase, an integer, got 0.5"),
     (lambda m: with_phase(m, -1), "expected samples in a phase of the program, got none"),
     (lambda m: with_phase(m, 3), "expected phases from 0 to 2, those of the program, got 3"),
     (lambda m: with_phase(m, np.where(np.arange(len(m["force"].values)) == 9, -1, 0)),

@@ -252,7 +252,7 @@ CODES = ("force=adc0:0.01N", "position=encoder:1um", "cycle_phase=cycle_phase:1"
     ({}, (), None),
     ({0: "force=adc0:0.1N"}, (), "force: expected 0.01 N for a count of adc0, as in the"),
     ({1: "position=encoder:1mm"}, (), "position: expected 0.001 mm for a count of encoder"),
-    ({}, ("force_tare = 0.4",), "codes of adc0, which do not have the force_tare of the experi"),
+    ({}, ("force_tare = 0.4",), "codes of adc0, from which force_tare of the experiment"),
 ])  # fmt: skip
 def test_the_scales_of_a_trace_are_those_of_its_experiment(tmp_path, changed, overrides, text):
     experiment = tomlkit.parse((EXPERIMENTS / "press_fit.toml").read_text())

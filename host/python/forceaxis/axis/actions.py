@@ -310,7 +310,7 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """Result of a press. It has the force that was asked for, the mean, smallest and largest
+    """Result of a press. It has the requested force, the mean, smallest and largest
     measured force in the second half of the pressing time, and the largest measured force since the
     first contact. Positions are in encoder counts."""
 
@@ -417,9 +417,9 @@ def expect_pressing(force: Force) -> None:
 def _not_held(
     counts: float, held: Sequence[float], newton_per_count: float, has_bank: bool
 ) -> str | None:
-    """Returns the reason why the mean of the measured forces `held` is not the force `counts` that
-    was asked for, or None if it is this force. All forces are in 8-bit counts. `has_bank`: False
-    for the P law."""
+    """Returns None if the mean of the measured forces `held` agrees with the requested force
+    `counts`, otherwise the reason why it does not. All forces are in 8-bit counts. `has_bank`:
+    False for the P law."""
     bound = max(HELD_ERROR_SHARE * counts, HELD_ERROR_COUNTS)
     mean = statistics.fmean(held)
     if abs(mean - counts) <= bound:
@@ -529,8 +529,8 @@ class RetractObjects:
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
     """Moves the axis back against the direction of the force, by the distance `way`. Before the
     motion, lowers the force target in the object `target` to 0, unless `target` is "". The distance
-    counts from where the axis then is, so that a soft workpiece does not use it up. Returns the
-    state of the axis, which is still enabled."""
+    is measured from the position of the axis at force 0, so that it does not include the deflection
+    of a soft workpiece. Returns the state of the axis, which is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
         most = axis.read("approach_velocity_max")

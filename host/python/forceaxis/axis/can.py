@@ -143,7 +143,7 @@ class CanLink(RecorderLink):
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
         # Name of the sub-object of 1016h that this program has written, and its earlier raw value.
-        # This pair is None while the axis does not monitor the heartbeat of this program.
+        # Name and value are None while the axis does not monitor the heartbeat of this program.
         self._watched: tuple[str, int] | None = None
         # Command specifier, index and sub-index of the expected SDO answer.
         # None means that any SDO answer is accepted.
@@ -152,7 +152,7 @@ class CanLink(RecorderLink):
         # This event is set if another node sends heartbeats with the node id of this program.
         self._rival = threading.Event()
         # Time in s since 1970 until which this program itself has sent heartbeats.
-        # A later heartbeat with the same node id comes from another node.
+        # If a heartbeat with the node id of this program comes later, another node has sent it.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
         # NMT state in the latest heartbeat of the node. None before the first heartbeat.
@@ -266,7 +266,7 @@ class CanLink(RecorderLink):
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
         # A node that has missed a heartbeat is no longer operational.
-        # Therefore this program starts the node by an NMT command.
+        # An NMT command of this program makes such a node operational again.
         with self._asking("NMT start"):
             self._network.send_message(0, bytes([NMT_START, self._id]))
         place, raw = self._entry()

@@ -27,7 +27,8 @@ TARGET_REACHED = mask("statusword", "reached")
 ACKNOWLEDGED = mask("statusword", "acknowledged")
 # End of an error text about an axis with a fault.
 FAULT_REMEDY = "; `axis.reset_fault()` resets the fault"
-STANDS_S = 2.0  # time in s at standstill after which an axis beside its target has not arrived
+# an axis that stands still for this time in s beside its target does not reach the target
+STANDS_S = 2.0
 # Longest time in s from the write of the controlword until the axis is disabled.
 # The time includes the deceleration of the axis to standstill, and at most 1 s for its brake.
 DISABLE_TIMEOUT_S = 3.0
@@ -240,7 +241,9 @@ class Drive(AxisValues):
         before: int | None = None
 
         def ends(now: ReachedPosition) -> bool:
-            """True if the axis has arrived, or stands for STANDS_S at the end of its motion."""
+            """True if the axis has reached its target, or if it has stood still for STANDS_S
+            seconds after its motion.
+            """
             nonlocal stood_s, before
             stands = before is not None and abs(now.position - before) <= 1
             at_end = abs(now.position_demand - target) <= max(1.0, unit)

@@ -75,7 +75,7 @@ class Recording:
         return column if known.scale == 1 else column.astype(float) * known.scale
 
     def floats(self, name: str) -> NDArray[np.float64]:
-        """Returns one signal of the recording as values() does, but always as floating-point
+        """Returns one signal of the recording in engineering units, always as floating-point
         numbers."""
         return self.values(name).astype(float)
 

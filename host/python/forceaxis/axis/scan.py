@@ -139,8 +139,9 @@ def on_can(
 
 
 def on_modbus(url: str, bit_rate: int | None = None) -> Iterator[ScannedAxis]:
-    """Yields each Modbus unit, with a number from 1 to 127, that answers a request. `url`,
-    `bit_rate`: as in modbus.client()."""
+    """Yields each Modbus unit, with a number from 1 to 127, that answers a request. `url`: URL of
+    a Modbus TCP server, or path of a serial device. `bit_rate`: bit rate of the serial device in
+    bit/s, or None."""
     from forceaxis.axis.modbus import ModbusLink, client
 
     answering = client(url, UNIT_TIMEOUT_S, bit_rate)

@@ -159,7 +159,7 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
     """Return one row of the table that `forceaxis loop advise` prints. The row has one text for
-    each possible column, in the order of the list `columns` in _columns()."""
+    each column that the table can have, in the order of the columns."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from forceaxis.axis.axis import Axis
     from forceaxis.results import Convertible
 
-# Longest time in s that the first command of a stop waits for its answer, besides the time that the
-# serial line needs for the bits of request and answer. An axis answers within some ms.
+# Longest time in s to wait for the answer to a stop command. An axis answers within some ms.
+# The time in which a serial line transmits the bits of request and answer is added to it.
 FIRST_ANSWER_S = 0.3
 REQUEST_BITS = 200  # bits of request and answer on a serial line, with pauses
-# Number of times that an axis of a line is commanded before the program waits for any of them. The
-# second time is for an axis whose first request was disturbed.
+# Number of stop commands that each axis of a serial line gets before the program waits for answers.
+# The second command is for an axis whose first request was disturbed.
 FIRST_ROUNDS = 2
 
 Describe = Callable[["Axis", str, "AxisStatus"], str]
@@ -49,7 +49,7 @@ class StoppedAxis:
     text: str
 
     def result(self) -> dict[str, Convertible]:
-        """Return the address and the state for --json."""
+        """Return the address and the state of a stopped axis, as the option --json prints them."""
         return {"axis": self.axis, **vars(self.state)}
 
 
@@ -100,8 +100,8 @@ def stop_all(
 
 
 def first_told(told: SimpleQueue[Told]) -> Told:
-    """Wait for the first element of the queue, remove it and return it. Signals are handled
-    meanwhile."""
+    """Wait until the queue has an element, remove the first element and return it. Signals of the
+    system are handled meanwhile."""
     while True:
         with contextlib.suppress(Empty):
             return told.get(timeout=signals.NOTICED_S)
@@ -167,9 +167,8 @@ def stop_line(
 
 
 def warn_of_rates(line: Sequence[AxisConnection]) -> None:
-    """Print a warning if the addresses for one serial device have different bit rates, because the
-    axes on this device use one bit rate only. Even so, the axes are commanded at every given bit
-    rate."""
+    """Print a warning if the user gave several bit rates for one serial device. Its axes can only
+    use one of them; nevertheless the axes are commanded at each given bit rate."""
     first = line[0]
     rates = {rate_of(one): one for one in reversed(line)}
     for rate, one in rates.items():

@@ -17,8 +17,8 @@ from forceaxis.words import number
 
 
 class Terminal:
-    """Asks the person at the terminal to act at the board and to enter numbers during a
-    bring-up."""
+    """Asks the person at the terminal for the actions and the numbers that the bring-up of a board
+    needs."""
 
     def act(self, text: str) -> bool:
         """Prints the action that the person has to do at the board. Returns False if the person

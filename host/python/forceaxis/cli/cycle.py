@@ -50,8 +50,8 @@ def cycle() -> None:
     thousands of good and bad parts. Then load the program into an axis, press parts, record the
     results, and see how good the process is.
 
-    All commands but `statistics` need an experiment, because a program of a cycle alone cannot run.
-    The command for recorded curves also takes a program alone, because it moves nothing.
+    All commands but `statistics` need an experiment, without which a cycle program cannot run.
+    The command for recorded curves also accepts the file of a cycle program, as it moves nothing.
     The experiment names the model of press and part, the program, the parameters of the axis, and
     the time at which the cycle starts. `--program` tries another program with the same press.
     """
@@ -126,7 +126,9 @@ def fraction(text: str) -> float | None:
 
 
 def rate(context: click.Context, option: click.Parameter, text: str | None) -> float | None:
-    """Return the fraction of --propose as a number. Raises InputError."""
+    """Return the value of the option --propose, the fraction of good parts to refuse, as a number.
+    Raises InputError.
+    """
     if text is None:
         return None
     value = fraction(text)
@@ -140,7 +142,9 @@ def rate(context: click.Context, option: click.Parameter, text: str | None) -> f
 def _false_alarms(
     context: click.Context, option: click.Parameter, text: str | None
 ) -> float | None:
-    """Return the share of --false-alarms as a number. Raises InputError."""
+    """Return the value of the option --false-alarms, a share of series of parts, as a number.
+    Raises InputError.
+    """
     found = None if text is None else fraction(text)
     if text is not None and found is None:
         raise InputError(f"--false-alarms: {text}: expected a share of series, such as 1% or 0.01")
@@ -159,8 +163,8 @@ def drift_options(default: str | None) -> Callable[[Callback], Callback]:
         return click.option(
             "--false-alarms", metavar="SHARE", default=default, show_default=default is not None,
             callback=_false_alarms,
-            help="Test for wear and drift: the largest share of series without a change in which "
-            "it finds one.",
+            help="Test for wear and drift: the largest share of unchanged series in which the test "
+            "reports a change.",
         )(verb)  # fmt: skip
 
     return add

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 
 
 def size(name: str, text: str | None, unit: str) -> float | None:
-    """Return the size of a count, or a force, in the SI unit `unit`. Raises ParameterError."""
+    """Convert the text of an option, such as "1um" or "5mN", to a number in the SI unit `unit`.
+    Raises ParameterError if the text is no quantity above 0 with such a unit.
+    """
     if text is None:
         return None
     value = _core.quantity_in(text, unit)
@@ -60,7 +62,9 @@ def range_of(name: str, text: str | None, unit: str) -> tuple[float, float] | No
 
 
 def counts_of(travel: str | None, force: str | None, contact: str | None) -> Counts | None:
-    """Return the counts that the options state, or None without these options."""
+    """Return the sizes of one count of travel and one count of force that the user has given by
+    options. Return None if the user has given none of these options.
+    """
     from forceaxis.cycles.judge import Counts
 
     travel_m, force_N = size("travel_count", travel, "m"), size("force_count", force, "N")
@@ -91,7 +95,8 @@ def read_curve(
     if len(found) > 1:
         raise InputError(
             f"{paths.display(file)}: expected the curve of one part, got {len(found)} sections; "
-            "`forceaxis recording import` writes a recording of each, which this command takes"
+            "import this file with `forceaxis recording import`, and give one of the recordings "
+            "that it writes"
         )
     command = click.get_current_context().command
     return replace(found[0], notes=tuple(options_in(command, note) for note in found[0].notes))
@@ -119,7 +124,7 @@ def judged_files(
 @cycle.command(
     cls=Slow,
     epilog="""forceaxis cycle judge press_fit part.npz
-    # the program alone, for the curves of another press, all of one stroke
+    # the cycle program without an experiment, for the curves of another press, all of one stroke
     forceaxis cycle judge bush.toml curves/*.csv --map force=Fz:N,position=s:mm \\
     --travel-count 1um --force-count 5mN --phase press
     # bounds from good parts, and wear over a series
@@ -132,14 +137,16 @@ def judged_files(
     type=click.Path(dir_okay=False, path_type=Path),
 )  # fmt: skip
 @program_option
-@click.option("--travel-count", metavar="SIZE", help="Of a program alone: a count of travel.")
+@click.option(
+    "--travel-count", metavar="SIZE", help="Size of a count of travel, without an experiment."
+)
 @click.option(
     "--force-count", metavar="SIZE",
-    help="Of a program alone: a count of force. The range is 131,071 of them.",
+    help="Size of a count of force, without an experiment. The range has 131,071 counts.",
 )  # fmt: skip
 @click.option(
     "--contact-force", metavar="FORCE",
-    help="Of a program alone: force above which the tool is in contact.",
+    help="Force above which the tool is in contact, without an experiment.",
 )  # fmt: skip
 @click.option(
     "--force-range", metavar="LOW..HIGH",
@@ -191,13 +198,15 @@ def judge(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Evaluate parts from recorded curves of any press, with the elements of a program. The code of
-    the firmware does it, in counts.
+    """Evaluate recorded curves of force over travel, of any press, by the evaluation elements of a
+    cycle program. Each curve is converted to counts, and the code of the firmware computes the
+    verdict.
 
-    PROGRAM is an experiment, whose axis has the counts, or the file of a program alone, which needs
-    --travel-count and --force-count. CURVE is the recording of one part, with the signals force and
-    position, positive towards the workpiece and sampled at a constant rate: a file of `recording
-    import`, or any file with --map. Give the curves in the order in which the parts were pressed.
+    PROGRAM is an experiment, whose axis defines the sizes of the counts, or the file of a cycle
+    program, which needs --travel-count and --force-count. CURVE is the recording of one part, with
+    the signals force and position, positive towards the workpiece and sampled at a constant rate: a
+    file of `recording import`, or any file with --map. Give the curves in the order in which the
+    parts were pressed.
 
     The phases are those of the signals cycle_phase and cycle_state (objects of the firmware, of
     each tick) or of the signal phase (a number from 0 for each sample; negative: no phase), else

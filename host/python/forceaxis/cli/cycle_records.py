@@ -189,7 +189,8 @@ def result(
     acknowledge: bool,
     as_json: bool,
 ) -> None:
-    """Read the results of all parts that an axis stores until they are acknowledged.
+    """Read the results of pressed parts that an axis still stores, because no client has
+    acknowledged them.
 
     With --out, each result is written to the folder and then acknowledged: the axis keeps it until
     its file is on the disk. A part that the folder has already is not written twice. Without --out,
@@ -257,7 +258,8 @@ def watch(
     calibration_due: datetime.datetime | None,
     as_json: bool,
 ) -> None:
-    """Record every part of an axis that a PLC or another master commands, until Ctrl-C.
+    """Record the result of every part that an axis presses while a PLC or another master commands
+    it. Ctrl-C ends the command.
 
     The command prints a line for each part, with the number of good parts and the smallest Cpk of
     the elements over the parts of this command, at most the last 1000. It does not take the axis
@@ -502,7 +504,8 @@ def statistics(
     "Python environment.",
 )
 def serve(folder: Path, host: str, port: int, nodesets: Path | None) -> None:
-    """Serve the records of a folder as joining results over OPC UA (OPC 40450-1), read-only.
+    """Make the results of pressed parts in a folder available to OPC UA clients, which can only
+    read them (OPC 40450-1, joining results).
 
     FOLDER has records, as `cycle start`, `cycle result` and `cycle watch` write it with --out. Each
     of the last 200 parts is a result below ResultManagement/Results. A result has the elements of

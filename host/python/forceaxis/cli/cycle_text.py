@@ -27,8 +27,8 @@ STORE_STATES = {
 
 
 def number(value: float | None, unit: str) -> str:
-    """Return a value in the SI unit `unit` as text without the unit. A length in m is converted to
-    mm, any other value keeps its unit."""
+    """Return a value as text without its unit. `unit` is the SI unit of the value. A length in m
+    is shown in mm; other values are not converted."""
     if value is None:
         return "-"
     return f"{value * 1e3 if unit == 'm' else value:.6g}"
@@ -121,7 +121,9 @@ def element_cells(figure: ElementFigure) -> list[str]:
 
 
 def percent(share: Share) -> list[str]:
-    """Return a proportion of parts and its confidence interval as two cells of a table."""
+    """Return a proportion of simulated parts, and the confidence interval of this proportion, as
+    two cells of a table.
+    """
     if share.share is None:
         return ["-", "-"]
     return [f"{100 * share.share:.3g} %", f"{100 * share.low:.3g} to {100 * share.high:.3g} %"]

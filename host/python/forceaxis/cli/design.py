@@ -229,8 +229,8 @@ def design(
 def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
-    """Fit the model to the measured responses. Return `order`, the request for a design, with the
-    fitted parameters. Their tolerances are the confidence intervals of the fit. Raises Refusal if
+    """Fit the model to the measured responses. Return a copy of `order`, the request for a design,
+    with the fitted parameters, and with their confidence intervals as tolerances. Raises Refusal if
     the fit is rejected."""
     from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal

@@ -121,7 +121,9 @@ def firmware(
 
 
 def show(done: "Written", as_json: bool) -> None:
-    """Print the path and the content of the written unit."""
+    """Print the path of the co-simulation unit (FMU) that was written, and the numbers of its
+    variables.
+    """
 
     def text() -> str:
         of = f" of {Path(done.source).name}" if done.source else ""

@@ -26,8 +26,7 @@ FORMER = frozenset(
 
 
 class AddressType(Protocol):
-    """The part of the class live_options.AxisAddress, the type of the option --on, that this module
-    uses."""
+    """The members of the class AxisAddress (type of the option --on) that this module uses."""
 
     is_repeatable: bool
 

@@ -37,13 +37,17 @@ def state_text(part: JudgedPart) -> str:
 
 
 def part_line(part: JudgedPart) -> str:
-    """Return one text line about a part of a series."""
+    """Return one text line about one pressed part: its file, its verdict, and the evaluation
+    elements that are not good.
+    """
     wrong = [f"{e.name} {e.verdict}" for e in not_good(part.record)]
     return f"{part.file}: {', '.join([state_text(part), *wrong])}"
 
 
 def part_rows(part: JudgedPart) -> Rows:
-    """Return the rows (key, text) about the only part."""
+    """Return the rows (key, text) about one pressed part: its verdict, a table of its evaluation
+    elements, and a table of its phases.
+    """
     head = ["element", "verdict", "value", "least", "most", "unit"]
     found = [("cycle", f"{part.record.title}: {state_text(part)}")]
     found += table("", [head, *map(element_cells, part.record.elements)], (0, 1, 5))
@@ -79,8 +83,9 @@ def drift_rows(drift: Drift) -> Rows:
 
 
 def change_rows(drift: Drift, names: list[str]) -> Rows:
-    """Return a row (key, text) for each element that has changed: it names the part at which the
-    change began, and the part at which it was found."""
+    """Return a row (key, text) for each evaluation element whose values have changed within the
+    series of parts. The row names the part at which the change began, and the part at which the
+    test detected the change."""
     return [
         (
             "warning",
@@ -93,8 +98,8 @@ def change_rows(drift: Drift, names: list[str]) -> Rows:
 
 
 def order_rows(files: list[str]) -> Rows:
-    """Return a row (key, text) about numbered files that are in alphabetical order, such as 10.npz
-    before 2.npz. A shell gives them in this order."""
+    """Return a row (key, text) with a warning if numbered files are in alphabetical order, for
+    example 10.npz before 2.npz. A shell gives the files of a folder in this order."""
     if files != sorted(files):
         return []
     for one, after in pairwise(files):
@@ -107,8 +112,9 @@ def order_rows(files: list[str]) -> Rows:
 
 
 def import_rows(parts: list[JudgedPart]) -> Rows:
-    """Return the rows (key, text) about the import of the curves. Of notes that differ only in
-    their numbers, the first one is shown with the number of the other files."""
+    """Return the rows (key, text) about the import of the curves. If the notes about several files
+    differ only in their numbers, only the first note is shown, with the number of the other files.
+    """
     first, files = dict[str, str](), dict[str, set[str]]()
     for part in parts:
         for note in part.import_notes:
@@ -123,7 +129,9 @@ def import_rows(parts: list[JudgedPart]) -> Rows:
 
 
 def shown(key: str, lines: list[str]) -> Rows:
-    """Return rows (key, text) for at most SHOWN lines, and a row with the number of the others."""
+    """Return a row (key, text) for each of the first SHOWN lines. If there are more lines, the
+    last row states how many are not shown.
+    """
     found = [(key, line) for line in lines[:SHOWN]]
     return found + ([(key, f"and {len(lines) - SHOWN} more")] if len(lines) > SHOWN else [])
 
@@ -131,7 +139,7 @@ def shown(key: str, lines: list[str]) -> Rows:
 def rows(
     judged: Judged, statistics: PartStatistics, drift: Drift, proposal: Proposal | None
 ) -> Rows:
-    """Return the rows (key, text) about evaluated curves."""
+    """Return the rows (key, text) about the evaluation of recorded curves."""
     rates = sorted({part.rate_hz for part in judged.parts})
     found = [
         ("program", f"{judged.program}: {judged.title}"),

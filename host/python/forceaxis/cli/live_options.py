@@ -45,8 +45,8 @@ ENVIRONMENT = "FORCEAXIS_AXIS"  # environment variable with an address, used wit
 
 @dataclass(frozen=True)
 class Kinds:
-    """The kinds of address that a command accepts, as keys of address.EXAMPLES. `why`: the reason
-    why the command accepts no other kind of address, as the end of an error message."""
+    """The kinds of address that a command accepts, as keys of address.EXAMPLES. `why`: end of the
+    error message for other kinds, which states why the command accepts none of them."""
 
     kinds: tuple[str, ...] = tuple(addresses.EXAMPLES)
     why: str = ""
@@ -61,8 +61,9 @@ STARTED = Kinds(
 
 class AxisAddress(click.ParamType[Address | InputError]):
     """Type of the option --on, the address of an axis. A shell can complete CAN interfaces, serial
-    devices and simulated axes. `keeps_wrong`: True if a wrong address gives its InputError as the
-    value of the option. The command reports this error after it has used the other addresses."""
+    devices and simulated axes. `keeps_wrong`: True if a wrong address is no error at once. Its
+    InputError is then the value of the option, and the command reports it after it has used the
+    other addresses."""
 
     name = "address"
 
@@ -154,8 +155,8 @@ class AxisConnection:
 
     @property
     def address(self) -> Address:
-        """The address of the axis. Use this property only after one(), whose result has exactly one
-        address."""
+        """The address of the axis. Only the connection that one() returns has this property,
+        because it has exactly one address."""
         return self.addresses[0]
 
     def chosen(self, is_bus: bool = False) -> AxisConnection:
@@ -180,8 +181,8 @@ class AxisConnection:
         return found
 
     def several(self) -> tuple[list[AxisConnection], list[str]]:
-        """Return the connections to one or more axes, one for each different address of chosen(),
-        and a text for each error in the options. Raises InputError if the user gave no address."""
+        """Return a connection for each different address that the user has given, and a text for
+        each error in the options. Raises InputError if the user gave no address."""
         wrong = [str(error) for error in self.wrong]
         try:
             found = self.chosen()
@@ -199,7 +200,9 @@ class AxisConnection:
         return (each, wrong) if each or wrong else ([found.one()], [])
 
     def one(self) -> AxisConnection:
-        """Return the connection to exactly one axis: the result of chosen(). Raises InputError."""
+        """Return the connection to the axis that the user has selected. Raises InputError if the
+        user has selected no axis or several axes.
+        """
         found = self.chosen()
         if len(found.addresses) != 1:
             raise InputError(
@@ -252,7 +255,8 @@ def on_option(
 ) -> Callable[[Callback], Callback]:
     """Return a decorator that adds the option --on to a command. The function of the command
     receives a tuple of addresses as the parameter `on`. `is_repeatable`: True if the command can
-    use several addresses. `keeps_wrong`: as in AxisAddress."""
+    use several addresses. `keeps_wrong`: True if the command reports a wrong address only after it
+    has used the others."""
     example = addresses.examples(accepted.kinds)
     repeated = " Repeatable." if is_repeatable else ""
     return click.option(
@@ -269,7 +273,8 @@ def options(
 ) -> Callable[[LiveVerb[P]], Verb]:
     """Return a decorator that adds the options of a connection to a command. The function of the
     command receives the values of the options as an `AxisConnection`, which may have no address or
-    several. `is_repeatable`, `keeps_wrong`: as in on_option()."""
+    several. `is_repeatable`: True if the command can use several addresses. `keeps_wrong`: True if
+    the command reports a wrong address only after it has used the others."""
 
     def decorated(command: LiveVerb[P]) -> Verb:
         @functools.wraps(command)
@@ -395,8 +400,8 @@ def warn_of_power_up(axis: Axis) -> None:
 
 
 def warn_of_forgotten(axis: Axis, connection: AxisConnection, values: Mapping[str, object]) -> None:
-    """Print a warning that a simulated axis forgets `values` at the end of the command, with the
-    options that give them to another command."""
+    """Print a warning that a simulated axis loses the written `values` when the command ends. The
+    warning shows the options with which another command begins with the same values."""
     if not connection.is_simulated or not values:
         return
     options = " ".join(f"--set firmware.{name}={value}" for name, value in values.items())

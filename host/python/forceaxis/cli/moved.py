@@ -101,8 +101,8 @@ def gone(error: click.UsageError) -> str | None:
 
 def with_one_law(arguments: Sequence[str]) -> list[str]:
     """Return `arguments` with a single option --law. It replaces all options --law and all options
-    of earlier versions that described a control law, and stands at the place of the first of
-    them."""
+    of earlier versions that described a control law, and is at the place of the first replaced
+    option."""
     kept: list[str] = []
     name, pairs, place = "", list[str](), None
     rest = iter(arguments)

@@ -45,7 +45,9 @@ def recording() -> None:
 
 
 def sources_of(file: Path, separator: str | None) -> list[Source]:
-    """Return the readers for a file of any supported kind, one for each of its sections."""
+    """Return a reader for each section of a file with recorded data. The file may be of any
+    supported kind.
+    """
     from forceaxis.commission import incident
 
     if incident.is_incident(file):

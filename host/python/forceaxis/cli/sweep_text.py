@@ -43,8 +43,8 @@ def rows(done: Sweep) -> list[summary.Row]:
 
 
 def isolated_text(point: IsolatedPoint) -> str:
-    """Return a text about a swept point: a combination of parameter values whose verdict differs
-    from the verdicts of all neighbouring points."""
+    """Return a text about an isolated point of a sweep. A point is a combination of parameter
+    values; it is isolated if its verdict differs from those of all neighbouring points."""
     at = text_of(point.values)
     if point.around:
         return f"{at}: {point.verdict}, as are {point.alike} of {point.around} points around it"

@@ -38,9 +38,9 @@ COLUMNS = ("time_s", "travel_m", "force_N", "phase")
 @dataclass(frozen=True)
 class CurvePoints(Curve):
     """The points of the curve of a press cycle. Each array has one value for each point: time in s
-    since the start of the cycle, travel in m, force in N, and number of the phase. The travel
-    begins at travel 0 of the cycle program, and the deflection of the press is subtracted. The
-    force is the measured force minus the offset of a tare."""
+    since the start of the cycle, travel in m, force in N, and number of the phase. The travel is
+    measured from the origin that the cycle program defines, and the deflection of the press is
+    subtracted. The force is the measured force minus the offset of a tare."""
 
     # number of times that the memory was full and the axis deleted every second point
     thinned: int

@@ -40,10 +40,10 @@ Flags = NDArray[np.bool_]
 UNITS = {"force": "N", "position": "m"}
 # largest relative difference between the rate of a trace and that of the ticks
 RATE_TOLERANCE = 1e-3
-# signals of the firmware that say in which phase a tick is; values after the tick
+# signals of the firmware from which the phase of a tick follows; recorded at the end of the tick
 TRACED_PHASE, TRACED_STATE, RUNNING = "cycle_phase", "cycle_state", 1
 PHASE = "phase"
-# signals from whose first to whose last sample the curve of a part reaches
+# the curve of a part begins with the first sample of these signals and ends with the last one
 OF_CURVE = ("position", PHASE, TRACED_PHASE, TRACED_STATE)
 NO_PHASE = -1
 SAMPLES_MOST = 20_000_000  # largest number of sampling periods of a curve
@@ -59,14 +59,14 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Ranges:
-    """The ranges of the sensors in SI units: a value at an end of its range or beyond is saturated.
-    None: the recording names what is saturated."""
+    """The ranges of the sensors in SI units. A value at an end of the range of its sensor, or
+    beyond, is saturated. None: the recording itself states which values are saturated."""
 
     force_N: tuple[float, float] | None = None
     position_m: tuple[float, float] | None = None
 
     def of(self, name: str) -> tuple[float, float] | None:
-        """Returns the range of a signal."""
+        """Returns the range of the sensor that measures a signal."""
         return self.force_N if name == "force" else self.position_m
 
 
@@ -81,7 +81,9 @@ class CurveTimes:
     rate_hz: float
 
     def all_s(self, known_s: Floats) -> Floats:
-        """Returns the true time of each period. `known_s`: those of the samples of the force."""
+        """Returns the true time of each sampling period. `known_s`: true times of the samples of
+        the force.
+        """
         every = np.arange(self.periods)
         inside = np.clip(every, self.number[0], self.number[-1])
         return np.interp(inside, self.number, known_s) + (every - inside) / self.rate_hz
@@ -89,19 +91,22 @@ class CurveTimes:
 
 @dataclass(frozen=True)
 class CurveCounts:
-    """A curve in counts of a program, with one sample for each period."""
+    """A curve of force and position in the counts of a cycle program, with one sample for each
+    sampling period.
+    """
 
     begin_s: float  # true time of the first sample in the recording
     rate_hz: float
     position: Integers
     force: Integers  # in 1/256 count
-    defect: Integers  # VALID, or the reason why a sample is not valid
-    phase: Integers | None  # number of the phase; None: the program decides
+    defect: Integers  # for each sample: VALID, or the reason why the sample is not valid
+    # number of the phase of each sample; None: the conditions of the cycle program decide
+    phase: Integers | None
     is_interpolated: bool  # True if the position was interpolated at the times of the force
 
     @property
     def rows(self) -> Integers:
-        """The samples in the form that _core.CurveJudge takes, without the sample before them."""
+        """The samples of the curve in the form that _core.CurveJudge needs."""
         phase = np.zeros_like(self.force) if self.phase is None else self.phase
         valid = (self.defect == VALID).astype(np.int64)
         return np.column_stack([self.position, self.force, valid, phase])
@@ -174,8 +179,9 @@ def _without_force(
 def _saturated(
     signal: RecordedSignal, at_s: Floats, values: Floats, ends: tuple[float, float] | None
 ) -> Flags:
-    """Returns, for each true time, True if the signal is saturated there. `values`: its values at
-    these times. `ends`: its range, or None if the recording names what is saturated."""
+    """Returns, for each true time, True if the signal is saturated at this time. `values`: values
+    of the signal at these times. `ends`: range of the signal, or None if the recording itself
+    states which values are saturated."""
     if ends is not None:
         return np.asarray((values <= ends[0]) | (values >= ends[1]))
     found = _cut_off(values) if signal.name == "force" else np.zeros(len(at_s), dtype=bool)
@@ -222,7 +228,7 @@ def _at(signal: RecordedSignal, at_s: Floats) -> tuple[Floats, Flags, bool]:
 
 
 def counts(values: Floats, per_unit: float) -> Floats:
-    """Returns values as the nearest whole numbers of counts."""
+    """Converts values to counts, rounded to the nearest integer."""
     return np.asarray(np.floor(values * per_unit + 0.5))
 
 
@@ -230,8 +236,9 @@ def curve_of(
     recording: SignalRecording, where: str, times: CurveTimes, judge: "_core.CurveJudge",
     phase: int | None, ranges: Ranges,
 ) -> CurveCounts:  # fmt: skip
-    """Returns the curve in a recording in counts. `phase`: number of the phase of all samples if
-    the recording does not name phases, or None. Raises InputError."""
+    """Returns the curve of force and position that a recording contains, in counts. `phase`:
+    number of the phase of all samples if the recording does not contain phases, or None. Raises
+    InputError."""
     force = _signal(recording, "force", where)
     position = _signal(recording, "position", where)
     at_s = force.true_time_s
@@ -254,10 +261,10 @@ def curve_of(
         raise InputError(
             f"{where}: position: expected a motion of at most {POSITION_MOST} counts, which are "
             f"{POSITION_MOST / judge.counts_per_m:g} m, got more; check the unit of the position, "
-            "or take a larger count of travel"
+            "or give a larger length of one count of travel"
         )
-    # A period without a sample has the values of the sample before, as an old sample of the axis.
-    # The phases have samples of their own.
+    # A sampling period without a sample gets the values of the sample before, as in the axis.
+    # The phase numbers are sampled separately from force and position.
     last = np.searchsorted(times.number, np.arange(times.periods), side="right") - 1
     last = np.clip(last, 0, None)
     is_there = np.zeros(times.periods, dtype=bool)
@@ -282,8 +289,9 @@ def is_traced(recording: SignalRecording) -> bool:
 def _labels(
     recording: SignalRecording, where: str, at_s: Floats, times: CurveTimes, phase: int | None
 ) -> Integers | None:
-    """Returns the number of the phase of each period, whose times are `at_s`, NO_PHASE outside of
-    the cycle. Returns None if the program decides. Raises InputError."""
+    """Returns the number of the phase at each of the times `at_s`, and NO_PHASE for a time outside
+    of the cycle. Returns None if the conditions of the cycle program decide about the phases.
+    Raises InputError."""
     if is_traced(recording):
         if abs(times.rate_hz / _core.TICKS_PER_SECOND - 1) > RATE_TOLERANCE:
             raise InputError(
@@ -301,15 +309,15 @@ def _labels(
 def _traced_labels(
     recording: SignalRecording, where: str, at_s: Floats, period_s: float
 ) -> Integers:
-    """Returns the phases of _labels() from the objects of the firmware."""
+    """Returns the number of the phase at each time, from recorded objects of the firmware."""
     is_running = recording.held(TRACED_STATE, at_s) == RUNNING
     if is_running[0]:
         raise InputError(
             f"{where}: {TRACED_STATE}: expected a recording that begins before the cycle, but the "
             "cycle runs in its first sample; record earlier"
         )
-    # A traced value is that after the tick. A sample belongs to the phase of the tick before, and
-    # the first sample of a cycle to its first phase.
+    # A traced phase is that at the end of its tick, so a sample belongs to the phase traced before.
+    # The first sample of a cycle belongs to the first phase of the cycle.
     before_s = at_s - period_s
     ran_before = recording.held(TRACED_STATE, before_s) == RUNNING
     labels = np.where(ran_before, _whole(recording, where, TRACED_PHASE, before_s), NO_PHASE)
@@ -321,15 +329,17 @@ def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> I
     wrong = np.flatnonzero((values != np.round(values)) | (np.abs(values) > 255))
     if len(wrong):
         raise InputError(
-            f"{where}: {name}: expected whole numbers of phases, got {values[wrong[0]]:g} at "
-            f"{at_s[wrong[0]]:.6g} s; map the column with the numbers of the phases"
+            f"{where}: {name}: expected the number of a phase, an integer, got "
+            f"{values[wrong[0]]:g} at {at_s[wrong[0]]:.6g} s; map the column with the numbers of "
+            "the phases"
         )
     return np.asarray(values.astype(np.int64))
 
 
 def cut(curve: CurveCounts, where: str, phases: int) -> tuple[Integers, int]:
-    """Returns the samples of the cycle, preceded by the sample before them, and the number of the
-    first one. `phases`: number of phases of the program. Raises InputError."""
+    """Returns the samples of the cycle together with one sample before them. Also returns the
+    number of the first sample of the cycle. `phases`: number of phases of the program. Raises
+    InputError."""
     rows = curve.rows
     if curve.phase is None:
         return np.vstack([rows[:1], rows]), 0

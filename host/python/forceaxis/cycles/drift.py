@@ -32,10 +32,11 @@ from forceaxis.cycles.outcome import ABORTED
 from forceaxis.cycles.record import PartRecord, measured
 from forceaxis.errors import ParameterError
 
-STEP = 0.05  # one step of scores and sums, in standard deviations
-SCORE_MOST = 80  # largest score in steps: 4 standard deviations
-# A change of twice this many standard deviations is found fastest.
-ALLOWANCE = 10  # in steps: half a standard deviation
+# Scores and their sums are integers. A step (one unit) is this part of a standard deviation.
+STEP = 0.05
+SCORE_MOST = 80  # Largest score of a value, in steps. It is 4 standard deviations.
+# The test detects a change of the mean earliest if the change is twice this distance.
+ALLOWANCE = 10  # number of steps that each sum loses at each part: half a standard deviation
 REFERENCE_LEAST = 10
 REFERENCE = 30
 FALSE_ALARMS = 0.01
@@ -53,26 +54,31 @@ class Series:
 
     name: str
     unit: str
-    is_count: bool  # True if the value is a number of entries into a window
+    # True if the evaluation element counts how often the curve enters a window
+    is_count: bool
     # values in the order of the parts; None for a part in which the evaluation element has no value
     values: Sequence[float | None]
 
 
 @dataclass(frozen=True)
 class ElementDrift:
-    """The test of one evaluation element. The parts are numbered from 1."""
+    """Result of the test of one evaluation element for wear and drift. The first part has the
+    number 1.
+    """
 
     name: str
     unit: str
-    n: int  # number of parts with a value, including the reference
-    # part at which the test found a change; None if it found none
+    # number of parts in which the element has a value, including the first parts (the reference)
+    n: int
+    # number of the part at which the test detected a change; None if it detected none
     found_at: int | None
-    since: int | None  # part from which on the values have probably changed
+    since: int | None  # number of the part at which the change of the values probably began
     direction: str  # "rises" or "falls"; empty without a change
-    # mean of the values from `since` on minus the mean of the values before it, in `unit`
+    # mean of the values from part `since` on, minus the mean of the earlier values, in `unit`
     change: float | None
-    limit: float | None  # largest sum without an alarm, in standard deviations
-    # upper bound of the share of series without a change that this test flags
+    # largest sum of scores at which the test reports no change, in standard deviations
+    limit: float | None
+    # upper bound of the share of unchanged series in which this test reports a change by mistake
     false_alarms: float
     without: str  # reason why the element was not tested; empty if it was tested
 
@@ -82,15 +88,17 @@ class Drift:
     """The test of a series of parts for wear and drift."""
 
     parts: int
-    reference: int  # number of values of each element that only give ranks
-    wanted: float  # wanted share of series without a change that are flagged
-    # upper bound of the share of series without a change in which any element is flagged
+    # number of first values of each element (the reference) with which later values are compared
+    reference: int
+    # requested share of unchanged series in which the test reports a change by mistake
+    wanted: float
+    # upper bound of the share of unchanged series in which the test of any element reports a change
     false_alarms: float
     elements: list[ElementDrift]
 
     @property
     def is_found(self) -> bool:
-        """True if the test found a change of at least one element."""
+        """True if the test has detected a change of at least one evaluation element."""
         return any(element.found_at is not None for element in self.elements)
 
 
@@ -108,27 +116,30 @@ def series_of(records: Sequence[PartRecord]) -> list[Series]:
 
 
 def scores(values: Sequence[float]) -> list[int]:
-    """Returns the score of each value in steps, from its rank among the values up to itself."""
+    """Returns the score of each value in steps. The score follows from the rank of the value among
+    itself and all earlier values.
+    """
     known: list[float] = []
     ranks = []
     for value in values:
         less, most = bisect.bisect_left(known, value), bisect.bisect_right(known, value)
-        ranks.append((less + most) / 2 + 1)  # the mean of the ranks less + 1 to most + 1
+        # equal values have the ranks less + 1 to most + 1, and each gets the mean of these ranks
+        ranks.append((less + most) / 2 + 1)
         known.insert(most, value)
     shares = np.array(ranks) / np.arange(2, len(ranks) + 2)
     return list((np.searchsorted(BORDERS, shares) - SCORE_MOST).tolist())
 
 
 def distribution(i: int) -> NDArray[np.float64]:
-    """Returns the probabilities of the scores -SCORE_MOST to SCORE_MOST of part i of a series
-    without a change."""
+    """Returns the probability of each score from -SCORE_MOST to SCORE_MOST for part i of a series
+    whose values do not change."""
     below = np.clip(np.floor(BORDERS * (i + 1)), 0, i)
     return np.diff(np.concatenate([[0.0], below, [float(i)]])) / i
 
 
 def exceeded(limit: int, reference: int, n: int) -> float:
-    """Returns the probability that the sum of one direction exceeds `limit`, in steps, in a series
-    of n parts without a change."""
+    """Returns the probability that the sum of scores for rising (or for falling) values exceeds
+    `limit` in a series of n parts whose values do not change. `limit` is in steps."""
     sums = np.zeros(limit + 1)
     sums[0] = 1.0
     for i in range(reference + 1, n + 1):
@@ -144,8 +155,8 @@ def exceeded(limit: int, reference: int, n: int) -> float:
 
 @functools.cache
 def limit_of(reference: int, n: int, share: float) -> tuple[int, float]:
-    """Returns the smallest limit, in steps, that a sum exceeds in at most `share` of the series
-    without a change, and the share of series in which it is exceeded."""
+    """Returns the smallest limit, in steps, that a sum of scores exceeds in at most the share
+    `share` of unchanged series. Also returns the exact share of these series."""
     low, high = 0, SCORE_MOST
     while exceeded(high, reference, n) > share:
         low, high = high, 2 * high
@@ -156,8 +167,9 @@ def limit_of(reference: int, n: int, share: float) -> tuple[int, float]:
 
 
 def _first_alarm(steps: Sequence[int], reference: int, limit: int) -> tuple[int, int] | None:
-    """Returns the index of the value at which the sum exceeds the limit, and the index of the first
-    value after the sum was 0. Returns None if it never exceeds the limit."""
+    """Returns two indices of values, or None if the sum of the scores never exceeds the limit. At
+    the first value, the sum exceeds the limit. The second value is the first one after the sum was
+    last 0."""
     total, since = 0, reference
     for i in range(reference, len(steps)):
         if total == 0:
@@ -184,8 +196,9 @@ def check(share: float, reference: int) -> None:
 def drift(
     series: Sequence[Series], share: float = FALSE_ALARMS, reference: int = REFERENCE
 ) -> Drift:
-    """Tests the values of each evaluation element for a change after the first `reference` values.
-    At most the fraction `share` of series without a change is flagged. Raises ParameterError."""
+    """Tests whether the values of each evaluation element change after the first `reference`
+    values. In at most the fraction `share` of unchanged series, the test reports a change by
+    mistake. Raises ParameterError."""
     check(share, reference)
     known = [[(k, v) for k, v in enumerate(one.values, 1) if v is not None] for one in series]
     without = [
@@ -211,7 +224,9 @@ def drift(
 def _tested(
     plain: ElementDrift, numbered: Sequence[tuple[int, float]], reference: int, share: float
 ) -> ElementDrift:
-    """Returns the result of the test of one element. `numbered`: (number of the part, value)."""
+    """Returns the result of the test of one evaluation element. `numbered`: pairs (number of the
+    part, value of the element).
+    """
     limit, one_side = limit_of(reference, len(numbered), share / 2)
     values = [value for _, value in numbered]
     steps = scores(values)

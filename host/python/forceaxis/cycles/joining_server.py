@@ -331,7 +331,8 @@ class JoiningServer:
     def __init__(self, server: Server, folder: Path) -> None:
         self._server, self._folder = server, folder
         self._known: set[Key] = set()
-        self._nodes: dict[str, Node] = {}  # {name of a result: its node}, in the order of the parts
+        # {name of a result: OPC UA node of the result}, in the order of the pressed parts
+        self._nodes: dict[str, Node] = {}
         self._values: dict[str, Structure] = {}
         self._own = 0
         # time of the last change of the folder of records after which the folder was read

@@ -39,28 +39,32 @@ INVALID = "invalid"  # verdict of an evaluation element with a sample that is no
 SAMPLES_INVALID = "samples_invalid"
 # largest relative difference between the size of a count of a recording and of the experiment
 SCALE_TOLERANCE = 0.01
-# Objects that are not in the codes of the force sensor.
+# Objects that the firmware subtracts from the codes of the force sensor.
 OFFSETS = ("force_zero_code", "force_tare")
 OPEN = (-math.inf, math.inf)
 AFTER_END = 255  # phase of the samples after the end of the cycle
-# Conditions that depend on more than force, travel and time.
+# Conditions for the end of a phase that do not depend on force, travel and time alone.
 NOT_IN_A_CURVE = ("reached", "input_on", "input_off")
 OF_CONTACT = ("contact", "lost")
 
 
 @dataclass(frozen=True)
 class Counts:
-    """The size of the counts with which a program alone is evaluated."""
+    """The sizes of one count of travel and one count of force, with which a cycle program without
+    an experiment is evaluated.
+    """
 
     travel_m: float  # one count of travel
-    force_N: float  # one count of force; the range has 131,071 of them in each direction
+    # force in N of one count; the range of forces is 131,071 counts in each direction
+    force_N: float
     contact_N: float | None = None  # force above which the tool is in contact; None: unknown
 
 
 @dataclass(frozen=True)
 class JudgePress:
-    """The program with which curves are evaluated, and the size of its counts. `file`: an
-    experiment, whose axis has the counts, or the file of a program alone, which needs `counts`."""
+    """The cycle program with which curves are evaluated, and the sizes of its counts. `file`: an
+    experiment, whose axis defines the counts, or the file of a cycle program, which needs `counts`.
+    """
 
     file: Path
     counts: Counts | None = None
@@ -93,7 +97,9 @@ class JudgePress:
         return self._judges[rate_hz]
 
     def read(self, file: Path, rate_hz: float) -> "_core.CurveJudge":
-        """Reads another file in place of `file`, with the same counts. Raises InputError."""
+        """Reads another experiment or cycle program in place of `file`, with the same sizes of
+        counts. Raises InputError.
+        """
         if self.counts is None:
             return _core.CurveJudge.of_experiment(file, list(self.overrides), rate_hz)
         own = self.counts
@@ -103,15 +109,16 @@ class JudgePress:
 
     @property
     def own(self) -> "_core.CurveJudge":
-        """The program whose CRC identifies it in records. That of an experiment has the ticks of
-        the axis, a program alone the rate of the curve that was evaluated first."""
+        """The compiled cycle program, whose CRC identifies it in records. Its sampling rate is the
+        tick rate of the axis for an experiment, and the rate of the first evaluated curve for a
+        cycle program without an experiment."""
         if self.counts is None:
             return self.at(_core.TICKS_PER_SECOND)
         return next(iter(self._judges.values()))
 
     def expect_scales(self, recording: SignalRecording, where: str) -> None:
-        """Raises InputError if the recording of the axis itself has other sizes of counts than the
-        experiment, or codes of a force that have an offset."""
+        """Raises InputError for a recording of the axis itself in which a count has another size
+        than in the experiment, or in which the force is given as ADC codes with an offset."""
         if self.counts is not None or not curve_samples.is_traced(recording):
             return
         known = _core.inputs(self.file, list(self.overrides))
@@ -124,15 +131,15 @@ class JudgePress:
                 raise InputError(
                     f"{where}: {signal.name}: expected {quantity(wanted, signal.unit)} for a count "
                     f"of {signal.column}, as in the experiment, got "
-                    f"{quantity(signal.factor, signal.unit)}; import it with this size, or give "
-                    "the experiment of this axis"
+                    f"{quantity(signal.factor, signal.unit)}; import this signal with the size of "
+                    "the experiment, or give the experiment of this axis"
                 )
             offsets = [name for name in OFFSETS if known["firmware"].get(name)]
             if signal.name == "force" and offsets:
                 raise InputError(
                     f"{where}: force: expected the measured force, got the codes of "
-                    f"{signal.column}, which do not have the {' and '.join(offsets)} of the "
-                    "experiment; import a column of the force itself"
+                    f"{signal.column}, from which {' and '.join(offsets)} of the experiment are "
+                    "not subtracted; import a column with the measured force"
                 )
 
     def ranges_of(self, recording: SignalRecording) -> Ranges:
@@ -157,7 +164,8 @@ class JudgedPart:
 
     file: str
     rate_hz: float
-    by_program: bool  # True if the conditions of the program decided about the phases
+    # True if the conditions of the cycle program decided where phases begin and end
+    by_program: bool
     is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
@@ -167,7 +175,7 @@ class JudgedPart:
 
 @dataclass(frozen=True)
 class Judged:
-    """The result of evaluated curves."""
+    """The result of the evaluation of several curves."""
 
     program: str
     title: str
@@ -190,8 +198,8 @@ def phase_number(program: Program, name: str) -> int:
 
 
 def leading_phases(program: Program) -> set[int]:
-    """Returns the numbers of the phases that an evaluation element names, and of those from which
-    such a phase can still follow."""
+    """Returns the numbers of the phases that any evaluation element uses, and of all phases that
+    can come before such a phase."""
     names = {phase.name: k for k, phase in enumerate(program.phases)}
     found = {names[name] for element in program.elements for name in element.phases}
     while True:
@@ -207,8 +215,9 @@ def leading_phases(program: Program) -> set[int]:
 
 
 def expect_followable(judge: "_core.CurveJudge", where: str) -> int:
-    """Returns the set of leading_phases() as bits. Raises InputError or ParameterError if a curve
-    of force and travel does not show when these phases end."""
+    """Returns the result of leading_phases() as an integer with one bit for each phase. Raises
+    InputError or ParameterError if a curve of force and travel does not show when these phases end.
+    """
     program = judge.program()
     leading = leading_phases(program)
     phases = [program.phases[k] for k in sorted(leading)]
@@ -269,15 +278,15 @@ def judge(
 
 
 def _judge_of(press: JudgePress, rate_hz: float, where: str) -> "_core.CurveJudge":
-    """Returns the program at the rate of a curve. Raises InputError, which names the curve if the
-    program is right at the rate of an axis."""
+    """Returns the cycle program, compiled for the sampling rate of a curve. Raises InputError. The
+    error is about the curve if the program can be compiled for the tick rate of an axis."""
     try:
         return press.at(rate_hz)
     except InputError as error:
         press.read(press.file, _core.TICKS_PER_SECOND)
         raise InputError(
-            f"{where}: expected a curve with the samples that the program needs, got {rate_hz:g} "
-            f"samples per second; check the unit of its times ({error})"
+            f"{where}: expected a curve whose sampling rate is permitted for the program, got "
+            f"{rate_hz:g} samples per second; check the unit of its times ({error})"
         ) from None
 
 
@@ -296,8 +305,9 @@ class Ticks:
         return round(self.curve.begin_s + (self.begin + sample) / self.curve.rate_hz, 9) + 0.0
 
     def invalid_in(self, numbers: Sequence[int], uses_travel: bool) -> Flags:
-        """Returns, for each sample, True if it is not valid and a figure over the phases `numbers`
-        depends on it. The phase of missing samples may be that of the samples after them."""
+        """Returns, for each sample, True if the sample is not valid and affects an evaluation
+        element that uses the phases `numbers`. Missing samples may belong to the phase of the
+        samples after them."""
         is_invalid = self.defect != VALID
         phases = np.isin(self.phases, numbers)
         is_missing = self.defect == MISSING
@@ -365,8 +375,8 @@ def _why_invalid(element: Element, program: Program, ticks: Ticks) -> str:
 
 
 def _where_invalid(found: Flags, program: Program, ticks: Ticks) -> str:
-    """Returns a text about the samples of a curve for which `found` is True, which are not
-    valid."""
+    """Returns a text about the samples of a curve that are not valid. `found` is True for these
+    samples."""
     first = int(np.flatnonzero(found)[0])
     reasons = [
         f"{counted(int(count), 'sample')} {text}"
@@ -407,7 +417,7 @@ def teach(press: JudgePress, judged: Judged, rate: float, file: Path) -> propose
 
 
 def counts_text(judged: Judged) -> str:
-    """Returns the size of the counts as text."""
+    """Returns the sizes of one count of travel and one count of force as text."""
     travel, force = (quantity(v, u) for v, u in ((judged.travel_count_m, "m"),
                                                  (judged.force_count_N, "N")))  # fmt: skip
     return f"{travel} of travel, {force} of force"

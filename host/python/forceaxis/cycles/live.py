@@ -24,7 +24,7 @@ MODE = "cycle"
 PART_WORDS = BY_NAME["cycle_data_16"].number - BY_NAME["cycle_data_1"].number + 1
 WORD_BYTES = 4
 # Objects on which the meaning of the numbers in a cycle program depends.
-# Numbers in a cycle program also depend on the object SCALE, which is compared with a tolerance.
+# The numbers in a cycle program also depend on force_scale, which is compared with a tolerance.
 SCALING = ("adc_bits", "force_sign", "rated_force", "feed", "polarity")
 SCALE = "force_scale"
 # largest relative difference between force_scale of the axis and force_scale of the model

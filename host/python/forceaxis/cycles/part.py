@@ -24,7 +24,7 @@ from forceaxis.experiments.summary import CYCLE_OUTCOMES
 # Objects of the firmware that a simulation must trace, because timeline() needs their values.
 TRACED = ("cycle_state", "cycle_phase", "cycle_ended_by", "contact", "position_actual")
 RUNNING = 1  # value of the object cycle_state while a cycle runs
-# tolerance, in N or m, for rounding errors of a level that the file states with decimals
+# rounding error, in N or m, that is permitted when a value is compared with a level of the file
 SLACK = 1e-9
 # verdicts of an evaluation element that has found no value
 NOTHING_FOUND = ("none", "not reached", "aborted")
@@ -81,7 +81,7 @@ class Curve:
 
     # time in s since the start of the simulation; on a real axis, since the start of the cycle
     time_s: Array
-    # travel in m from travel 0 of the cycle program, minus the deflection of the press
+    # travel in m from the origin that the cycle program defines, minus the deflection of the press
     travel_m: Array
     force_N: Array  # measured force in N, minus the offset that a tare in the cycle has measured
     phase: NDArray[np.int64]  # number of the phase of the cycle to which the sample belongs

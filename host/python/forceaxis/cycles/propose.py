@@ -173,7 +173,7 @@ def bounds_by_blocks(
         before, last[side] = last[side], part
         taken[part] = True
         if before < 0 or key[part] > key[before]:
-            # All parts with smaller values, in the order of this side, are beyond the bound.
+            # On each side, all parts whose values are more extreme than the bound are refused.
             begin = 0 if before < 0 else int(np.searchsorted(key[order], key[before]))
             end = int(np.searchsorted(key[order], key[part]))
             beyond[order[begin:end]] = True

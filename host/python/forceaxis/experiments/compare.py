@@ -53,8 +53,9 @@ AREA_SAMPLES = 3  # number of samples of the first contact from which the gap of
 SAME_TICKS = 2  # two first contacts with at most this distance in ticks are simultaneous
 NEEDED_SHARES = tuple(
     float(f"{0.0005 * 1.25**i:.2g}") for i in range(28)
-)  # errors of the model that are tried
-LEAST_SHARE = 0.5  # a figure is expected if at least this share of the runs has it
+)  # shares of an error of the model that are tried, from small to large
+# a characteristic value is expected in a recording if at least this share of the runs has it
+LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,8 @@ class RecordingComparison:
     inside: dict[str, float]
     # {signal: error of the model} that the bands contain
     model_error: dict[str, ErrorSize]
-    # {signal: smallest error of the model} with which all figures would agree; {} if they agree, or
-    # if none of NEEDED_SHARES is sufficient
+    # {signal: smallest error of the model} with which all characteristic values would agree.
+    # It is {} if they agree already, or if no error in NEEDED_SHARES is large enough.
     needed_error: dict[str, ErrorSize]
     notes: tuple[str, ...]
 
@@ -138,13 +139,15 @@ class _Figure:
     measured: float | None
     runs: Sequence[float | None]
     resolution: float = 0.0
-    has_low: bool = True  # False if a small value does not count as a difference
+    # False if a difference of a small characteristic value from the prediction is ignored
+    has_low: bool = True
 
 
 @dataclass
 class _Measured:
-    """The first contact of a recording. `area`: force of its first samples. `slope_N_per_s`: slope
-    of the force there. `bend_N`: largest error there of the line between two ticks of a run."""
+    """The first contact of a recording. `area`: integral of the force over the first samples of
+    the contact. `slope_N_per_s`: slope of the force in these samples. `bend_N`: largest error of
+    the force there, if it is interpolated by a line between two ticks of a run."""
 
     where: str
     predictor: Predictor
@@ -232,7 +235,7 @@ def _measured(
 
 
 def _touch_notes(found: Touch) -> list[str]:
-    """Returns notes about a first contact that the recording tells badly."""
+    """Returns notes about a first contact whose instant or force is not clear in the recording."""
     notes = []
     if found.is_single:
         notes.append(
@@ -284,7 +287,8 @@ def _runs(measured: _Measured) -> list[_Run]:
         errors = noise * rng.standard_normal(AREA_SAMPLES) + step * rng.uniform(
             -0.5, 0.5, AREA_SAMPLES
         )
-        # Between two ticks a run is a line, but the force begins to rise there.
+        # A run has its force at the ticks only; between two ticks it is interpolated by a line.
+        # The true force may begin to rise between the two ticks.
         errors[0] += measured.bend_N * rng.uniform(-1, 1)
         begin = measured.area
         area = begin.area_N_s + float(errors.sum()) * begin.period_s
@@ -298,7 +302,7 @@ def _runs(measured: _Measured) -> list[_Run]:
             gaps.append(own[str(predictor.gap)])
             runs.append((columns, measured.start_s))
         else:
-            # The error of the recorded time is also one of the alignment.
+            # An error of the recorded time also shifts the recording against the run.
             runs.append((columns, found + errors[-1] / measured.slope_N_per_s))
     measured.gap_m = float(np.median(gaps)) if gaps else None
     if not runs:
@@ -353,7 +357,9 @@ class _Signal:
     correlation_s: float
 
     def with_error(self, share: float) -> Floats:
-        """Returns the runs with an error of the model of this share."""
+        """Returns the signals of the runs with an added error of the model, whose size is the
+        share `share`.
+        """
         return self.series if self.errors is None else self.series + share * self.errors
 
 
@@ -397,7 +403,7 @@ def _signal(
     if name == "force":
         values = values - level.zero
         series += _missing_noise(series, grid, level) * rng.standard_normal(series.shape)
-    elif name == "position":  # the position zero of the machine is not that of the model
+    elif name == "position":  # machine and model may measure the position from different origins
         values = values - np.interp(0.0, grid, values)
         # The time of the first contact is uncertain by half a sample.
         floor += 0.5 * float(np.max(np.abs(np.diff(values[abs(grid) <= 3 * TICK_S]))))
@@ -433,8 +439,8 @@ def _errors(
 def _judged(
     signals: Sequence[_Signal], shares: Mapping[str, float], level: ForceLevel
 ) -> tuple[tuple[ComparedFigure, ...], tuple[ComparedSignal, ...]]:
-    """Returns the figures and the signals with their bands, for errors of the model with these
-    shares."""
+    """Returns the characteristic values and the signals with their bands. The bands contain errors
+    of the model with the sizes `shares`."""
     figures: list[_Figure] = []
     drawn: list[ComparedSignal] = []
     for one in signals:
@@ -454,14 +460,14 @@ def _judged(
 
 
 def _needed(signals: Sequence[_Signal], level: ForceLevel) -> dict[str, ModelError]:
-    """Returns {signal: error of the model} with the smallest shares with which all figures agree,
-    or {} if this is not possible. A large error of the force causes contact losses, so the shares
-    that are tried begin with small ones."""
+    """Returns {signal: error of the model} with the smallest errors with which all characteristic
+    values agree, or {} if this is not possible. Small errors are tried first, because a large error
+    of the force causes contact losses."""
 
     def differing(shares: Mapping[str, float]) -> set[str]:
         figures = [one.figure for one in _judged(signals, shares, level)[0] if not one.agrees]
         parts = [text.partition("residual of ")[2] for text in figures]
-        # All figures without a signal in their name are those of the force.
+        # A characteristic value whose name contains no signal belongs to the force.
         return {name or "force" for name in parts}
 
     times = {one.model.name: one.correlation_s for one in signals if one.errors is not None}
@@ -478,7 +484,7 @@ def _needed(signals: Sequence[_Signal], level: ForceLevel) -> dict[str, ModelErr
 def _error_sizes(
     signals: Sequence[_Signal], errors: Mapping[str, ModelError]
 ) -> dict[str, ErrorSize]:
-    """Returns the sizes of errors of the model."""
+    """Returns the size of the error of the model in each signal."""
     most = {"force": 0.0, "position": 0.0}
     for one in signals:
         own = np.median(one.series, axis=0)[one.grid >= 0]
@@ -573,9 +579,11 @@ def _share(values: Sequence[float | None]) -> float:
 
 
 def _with_bands(figures: Sequence[_Figure]) -> tuple[ComparedFigure, ...]:
-    """Returns the figures with their bands. The bands contain all measured values together with the
-    probability CONFIDENCE. A band is the range of all runs, or as many standard deviations as
-    Student's t distribution needs, whichever is wider. The resolution is added to it."""
+    """Returns the characteristic values with their bands. The bands contain all measured values
+    together with the probability CONFIDENCE. A band is the range of all runs, or as many standard
+    deviations as Student's t distribution needs, whichever is wider. The error of the value because
+    of the sampling rate is added to the band.
+    """
     tail = (1 - CONFIDENCE) / (2 * len(figures))
     return tuple(_with_band(figure, tail) for figure in figures)
 
@@ -592,7 +600,7 @@ def _with_band(figure: _Figure, tail: float) -> ComparedFigure:
     middle = float(np.median(known))
     width = 0.0
     if len(known) > 1:
-        # The deviation of a few runs is not well known.
+        # The standard deviation that is estimated from a few runs is not accurate.
         factor = float(special.stdtrit(len(known) - 1, 1 - tail)) * math.sqrt(1 + 1 / len(known))
         width = factor * float(known.std(ddof=1))
     low = min(float(known.min()), middle - width) - figure.resolution

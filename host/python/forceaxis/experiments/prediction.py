@@ -32,7 +32,7 @@ from forceaxis.words import suggestion
 TICK_S = 1 / _core.TICKS_PER_SECOND
 LONGEST_S = 600.0
 SETPOINTS_MAX = 500  # largest number of changes of a recorded set-point
-# inputs of a run that exist only on an axis with this firmware
+# kinds of recorded signals, used as inputs of a run, that only an axis with this firmware has
 OF_FIRMWARE = ("code", "force_setpoint")
 DEFAULT_GAP = "gap"  # name of the model parameter that moves the first contact by default
 # A gap is found with at most GAP_RUNS runs, or until the contact is within GAP_TICKS ticks.
@@ -92,11 +92,15 @@ class TouchArea:
 
     @property
     def from_s(self) -> float:
-        """Returns the begin of the area in s from tick 0 of a run."""
+        """Returns the time, in s from tick 0 of a run, at which the integration of the force at
+        the first contact begins.
+        """
         return self.touch_s - self.period_s
 
     def late_s(self, time_s: Floats, force: Floats) -> float:
-        """Returns by how much the first contact of a run is later than the recorded one."""
+        """Returns the time in s by which the first contact of a run is later than that of the
+        recording.
+        """
         inside = (time_s > self.from_s - 1e-9) & (time_s < self.to_s + 1e-9)
         area = float(force[inside].sum()) * self.period_s
         most = self.to_s - self.from_s
@@ -312,7 +316,9 @@ class Predictor:
         return columns | dict(zip(names, signals.T, strict=True))
 
     def _with_error(self, commands: Floats, seed: int) -> Floats:
-        """Returns the commands of a run with a random error of the drive."""
+        """Returns the recorded commands plus a random error of the drive, as the commands of a
+        run.
+        """
         error = self.model_error.get("drive")
         if error is None:
             return commands
@@ -341,8 +347,8 @@ class Predictor:
         return np.asarray(self.recording.held("enabled", at_s) > 0.5)
 
     def _command_of_ticks(self) -> tuple[Floats, bool]:
-        """Returns (command in each tick, True if it is a voltage). The ticks begin at the first
-        sample of the recording. The command is an array with one value for each tick."""
+        """Returns the recorded command as an array with one value for each tick, and True if the
+        command is a voltage. The first tick is at the first sample of the recording."""
         if self._commands is None:
             signal = self.recording[self.input]
             lasts_s = min(float(np.ptp(signal.time_s)), LONGEST_S, self.until_s - self.start_s)
@@ -438,7 +444,8 @@ class Predictor:
 
     def touch_s(self, columns: Columns, level: ForceLevel) -> float | None:
         """Returns the time of the first contact of a run in s from tick 0, or None without contact.
-        The contact is found at the same level of the force as in the recording."""
+        The first contact is the instant at which the force exceeds the same level as in the
+        recording."""
         time_s, force = self.sampled_force(columns)
         return touch_of(time_s, force, ForceLevel(0.0, level.noise, level.contact))
 
@@ -483,12 +490,12 @@ class Predictor:
 
     @property
     def has_gap(self) -> bool:
-        """Returns True if the gap of a run is found from the recorded first contact."""
+        """Returns True if the gap of a run is adjusted to the recorded first contact."""
         return self.gap is not None and self.is_fed
 
     def _expect_gap(self, member: Member, own: float, far: float, contact: str) -> None:
-        """Raises ParameterError if the parameter of the gap does not move the contact by its own
-        value. Only the first run tests this."""
+        """Raises ParameterError if a change of the gap parameter does not move the first contact
+        by the same distance. This is tested with the first run only."""
         if self._is_gap_known:
             return
         assert self.gap is not None

@@ -141,7 +141,9 @@ class SweepPlan:
         return dict(zip(self.names, point, strict=True))
 
     def columns(self, points: Sequence[Point]) -> Columns:
-        """Returns the values at the points as columns, one column for each axis."""
+        """Returns the parameter values of all points as columns, one column for each swept
+        parameter.
+        """
         values = np.array(points, dtype=float).reshape(len(points), len(self.axes))
         return dict(zip(self.names, values.T.copy(), strict=True))
 

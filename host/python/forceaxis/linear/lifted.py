@@ -338,7 +338,9 @@ class _Period:
         self._expect()
 
     def _expect(self) -> None:
-        """Computes the tick before the next sample, and the share of a tick from there to it."""
+        """Computes the tick before the next sample, and the time from this tick to the sample as a
+        share of a tick.
+        """
         instant = self.samples.instant(self.next_sample) if self.samples else Fraction(0)
         self.next_tick = math.floor(instant)
         self.next_share = instant - self.next_tick

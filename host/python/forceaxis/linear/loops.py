@@ -374,10 +374,10 @@ def _samples(
     every = Fraction(1 / TICK_S).limit_denominator() / Fraction(sampling.rate_hz)
     if math.lcm(every.numerator, cycle_ticks) > PERIOD_TICKS_MAX:
         raise _core.InputError(
-            f"{path}: adc.sample_rate: expected a sampling rate at which samples and bus cycles "
-            f"repeat together within {PERIOD_TICKS_MAX} ticks of 1/1500 s, got "
-            f"{sampling.rate_hz:g} Hz; give the nearest such rate, and check the result with "
-            "`run_experiment` at the rate of the sensor"
+            f"{path}: adc.sample_rate: expected a sampling rate at which the instants of "
+            f"sampling, relative to the bus cycles, repeat after at most {PERIOD_TICKS_MAX} ticks "
+            f"of 1/1500 s, got {sampling.rate_hz:g} Hz; give the nearest such rate, and check the "
+            "result with `run_experiment` at the rate of the sensor"
         )
     latency = Fraction(sampling.latency_s / TICK_S).limit_denominator(10**6)
     if sampling.phase_s is None:

@@ -40,11 +40,12 @@ GAIN_SPAN = 1e4  # largest gain factor in the search for a gain margin
 POINTS_PER_DECADE = 60  # number of points in each decade of a grid of frequencies
 LOWEST_SHARE = 1e-6  # ratio of the lowest frequency to the highest frequency of a grid
 STABLE_BELOW = 1 - 1e-11  # largest magnitude of the poles of a loop that counts as stable
-# The maximum of |S| is known to LEVEL_SHARE of its value. Eigenvalues whose real part is below
-# ON_AXIS_SHARE of their magnitude count as frequencies at which |S| equals a level.
+# LEVEL_SHARE: largest error of the computed maximum of |S|, as a fraction of the maximum.
+# ON_AXIS_SHARE: largest ratio of real part to magnitude of an eigenvalue that gives a frequency.
+# At such a frequency, |S| equals a level.
 LEVEL_SHARE, ON_AXIS_SHARE, LEVELS_MAX = 1e-8, 1e-3, 30
-# A combination of codes counts as a direction of its own if no other directions describe it up to
-# this share of its size.
+# Smallest relative distance of a combination of codes from all combinations of earlier directions.
+# A combination with a smaller distance is no new direction.
 DIRECTION_SHARE_MIN = 1e-13
 FREQUENCIES_AT_ONCE = 150  # number of frequencies at which a search evaluates |S| together
 PHASES = 3  # number of phases for each order of samples and ticks; see Samples.phases()
