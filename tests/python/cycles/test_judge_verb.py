@@ -137,6 +137,16 @@ def test_a_force_over_its_range_at_an_end_of_a_file_makes_the_part_bad(
     assert "left out" in str(part["import_notes"]) or not notes
 
 
+def test_a_spike_of_a_curve_is_named_and_judged(folder, tmp_path):
+    shutil.copy(folder / "bush.toml", tmp_path)
+    foreign(tmp_path / "a.csv", lambda k: "8388.6" if k == 40 else ramp(k))
+    words = ("bush.toml", "a.csv", *COUNTS, "--map", "force=F,position=s", "--phase", "press")
+    note = "force: 1 spike, at 0.04 s first: 1 sample of 8388.6 between 15.652 and 16.478"
+    assert f"note         a.csv: {note}\n" in judged(tmp_path, *words)
+    (part,) = judged_json(tmp_path, *words)["parts"]
+    assert note in part["import_notes"] and part["record"]["state"] == "bad"
+
+
 def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):
     shutil.copy(folder / "bush.toml", tmp_path)
     for name in "abc":

@@ -112,7 +112,10 @@ def judged_files(
             yield paths.display(file), found.recording
 
     judged = judge_all(press, recordings(), phase)
-    parts = [replace(part, import_notes=own) for part, own in zip(judged.parts, notes, strict=True)]
+    parts = [
+        replace(part, import_notes=[*own, *part.import_notes])
+        for part, own in zip(judged.parts, notes, strict=True)
+    ]
     return replace(judged, parts=parts)
 
 

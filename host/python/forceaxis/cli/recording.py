@@ -81,6 +81,10 @@ def sources_of(file: Path, separator: str | None) -> list[Source]:
 @click.option(
     "--section", type=int, help="Number of the only recording to import from FILE. Default: all."
 )
+@click.option(
+    "--without-spikes", is_flag=True,
+    help="Leave out samples that leave a signal and come back at once, which are named anyway.",
+)  # fmt: skip
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
@@ -98,6 +102,7 @@ def import_(
     delays: tuple[str, ...],
     zeros: tuple[str, ...],
     section: int | None,
+    without_spikes: bool,
     separator: str | None,
     title: str,
     out: Path,
@@ -110,15 +115,15 @@ def import_(
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
     position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,
     speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
-    keeps source, unit, sign, rate and delay of each signal. The command reports gaps, jumps,
-    saturation and constant stretches, and the lines of FILE that are no rows. If FILE has several
-    recordings, they become NAME_1.npz, NAME_2.npz and so on.
+    keeps source, unit, sign, rate and delay of each signal. The command reports gaps, spikes,
+    jumps, saturation and constant stretches, and the lines of FILE that are no rows. If FILE has
+    several recordings, they become NAME_1.npz, NAME_2.npz and so on.
     """
     pairs, stretches = (
         dict(text.partition("=")[::2] for text in texts) for texts in (delays, zeros)
     )
     texts = [text for given in maps for text in maps_of(given)]
-    request = ImportRequest(texts, time, rate, pairs, title, stretches, section)
+    request = ImportRequest(texts, time, rate, pairs, title, stretches, section, without_spikes)
     found = import_sources(sources_of(file, separator), file, request)
     name, facts = signal_recording.with_suffix(out), list[JsonObject]()
     command = click.get_current_context().command
@@ -142,10 +147,10 @@ def import_(
 def info(file: Path, as_json: bool) -> None:
     """Show what a recorded file contains.
 
-    For a recording of signals: where they come from, and their gaps, jumps, saturation and constant
-    stretches. For a log of LCM messages: the time span, and for each channel the type of the
-    messages, their number, their rate per second and the number of lost messages. A log that is
-    damaged or incomplete is read as far as possible. One line names what was skipped.
+    For a recording of signals: where they come from, and their gaps, spikes, jumps, saturation
+    and constant stretches. For a log of LCM messages: the time span, and for each channel the type
+    of the messages, their number, their rate per second and the number of lost messages. A log that
+    is damaged or incomplete is read as far as possible. One line names what was skipped.
     """
     if file.suffix == ".npz" or signal_recording.is_recording(file):
         found = signal_recording.read(file)

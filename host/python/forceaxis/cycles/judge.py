@@ -31,7 +31,7 @@ from forceaxis.cycles.teach import outcome_of
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.run_result import CycleReport
 from forceaxis.experiments.summary import quantity
-from forceaxis.recordings.findings import runs
+from forceaxis.recordings.findings import runs, spike_notes
 from forceaxis.recordings.signal_recording import SignalRecording
 from forceaxis.words import counted
 
@@ -161,7 +161,7 @@ class JudgedPart:
     is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
-    # notes about the import of the curve from a file of another program
+    # notes about the import of the curve from a file of another program, and about its spikes
     import_notes: list[str] = field(default_factory=list)
 
 
@@ -265,6 +265,7 @@ def judge(
         is_interpolated=curve.is_interpolated,
         phases=_spans(ticks, program),
         record=_record(press, program, report, ticks, Path(where).stem, number),
+        import_notes=spike_notes(recording),
     )
 
 

@@ -64,9 +64,9 @@ INPUTS = (*COMMANDS, "force_setpoint")
 
 @dataclass(frozen=True)
 class SignalFinding:
-    """A finding about one interval of one signal, such as a gap or a jump."""
+    """A finding about one interval of one signal, such as a gap or a spike."""
 
-    kind: str  #: kind of the finding: "gap", "jump", "saturation" or "constant"
+    kind: str  #: kind of the finding: "gap", "spike", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch
     to_s: float  #: time of the last sample of the stretch
     samples: int  #: number of samples in the stretch; for a gap, of missing samples
