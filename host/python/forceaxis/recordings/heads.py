@@ -472,23 +472,28 @@ def _counts(head: Head) -> bool:
 def _add_time_of_interval(
     found: Heads, section: Section, keys: Mapping[str, tuple[Line, list[str]]]
 ) -> None:
-    """Names the column without a name whose steps are the interval that the header states, and the
-    column behind it by its source, if the header stands beside the rows."""
-    key = next((k for k in STEPS if k in keys and keys[k][1]), "")
+    """Finds the times in the column whose steps are the interval that the header states, if no
+    column of times is known, and names the column behind it by its source, if the header stands
+    beside the rows. Otherwise times that count the rows would hide that rows are missing."""
+    key = next((k for k in (*STEPS, *RATES) if k in keys and keys[k][1]), "")
     interval = _seconds(keys[key][1][0], key) if key else None
-    if found.names is not None or interval is None:
+    if interval is None or time_place_of(section, found.heads) is not None:
         return
-    for place in (k for k in section.checked if section.kinds[k] == NUMBER):
+    units = [head.unit for head in found.heads]
+    for place in (k for k in section.checked if section.kinds[k] == NUMBER and not units[k]):
         values = [section.dialect.value(row[place]) for row in section.samples if len(row) > place]
         steps = np.diff([np.nan if value is None else value for value in values])
         is_step = np.isclose(steps, interval, rtol=0.02, atol=0)  # rows may be missing
         if is_step.sum() > max(2.0, 0.7 * len(steps)):
-            found.heads[place] = Head("time", "s", found.heads[place].labels)
+            head = found.heads[place]
+            name = "time" if found.names is None else head.name
+            found.heads[place] = replace(head, name=name, unit="s", grid=None)
             found.notes.append(
                 f"the times are those of column {place + 1}, whose steps are the {key} of line "
                 f"{keys[key][0].number}"
             )
-            names = keys["source"][1] if "source" in keys and section.kinds[0] == TEXT else [""]
+            is_beside = found.names is None and section.kinds[0] == TEXT
+            names = keys["source"][1] if "source" in keys and is_beside else [""]
             if place + 1 < len(found.heads) and names[0]:
                 unit = keys["vertical units"][1][0] if "vertical units" in keys else ""
                 found.heads[place + 1] = Head(names[0], unit or None)
