@@ -63,6 +63,31 @@ def expect(signal, values=FORCE, rate_hz=1000.0, begin_s=0.0):
     np.testing.assert_allclose(signal.time_s - signal.time_s[0], steps, atol=1e-6 / rate_hz)
 
 
+def test_recordings_of_an_earlier_import_of_the_file_do_not_stay(tmp_path):
+    """Three tests in a file, then two, then one: nobody takes the third one for a new one."""
+    part = table(rows("{t:.3f},{f:.3f}"), "t_s,F_N\n")
+    other = tmp_path / "made_4.npz"
+
+    def files():
+        return sorted(file.name for file in tmp_path.glob("made*"))
+
+    run(tmp_path, 4 * part, "--map", "force=F_N", name="another.csv")
+    for old in ("made_1.npz", "made_2.npz", "made_3.npz"):
+        (tmp_path / old).unlink()
+    assert run(tmp_path, 3 * part, "--map", "force=F_N").stderr == ""
+    assert files() == ["made_1.npz", "made_2.npz", "made_3.npz", "made_4.npz"]
+    done = run(tmp_path, 2 * part, "--map", "force=F_N", "--json")
+    assert done.stderr.endswith("made_3.npz of an earlier import removed\n")
+    assert len(json.loads(done.stdout)["recordings"]) == 2
+    assert files() == ["made_1.npz", "made_2.npz", "made_4.npz"]  # the last one is of another file
+    run(tmp_path, 2 * part, "--map", "force=F_N", "--section", "1")
+    assert files() == ["made.npz", "made_1.npz", "made_2.npz", "made_4.npz"]
+    assert run(tmp_path, part, "--map", "force=F_N").stderr.count("removed") == 2
+    assert files() == ["made.npz", "made_4.npz"]
+    assert signal_recording.source_file(other) == "another.csv"
+    assert signal_recording.source_file(tmp_path / "source.csv") is None
+
+
 # Times of a calendar: a double has steps of 0.24 us there.
 BEGIN_NS = 1_778_767_384_000_000_000
 

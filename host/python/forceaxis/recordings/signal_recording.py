@@ -281,6 +281,19 @@ def is_recording(path: Path | str) -> bool:
         return False
 
 
+def source_file(path: Path) -> str | None:
+    """Returns the name of the file from which a recording was imported, or None if a file is no
+    recording."""
+    if not is_recording(path):
+        return None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            source = toml.read_text(archive.read(HEADER).decode()).get("source")
+    except (OSError, zipfile.BadZipFile, UnicodeDecodeError, InputError):
+        return None
+    return str(source.get("file")) if isinstance(source, dict) else None
+
+
 def read(path: Path | str) -> SignalRecording:
     """Returns the recording in a file. Raises InputError that names the file and what was
     expected."""
