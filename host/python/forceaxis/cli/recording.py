@@ -111,8 +111,8 @@ def import_(
     as_json: bool,
 ) -> None:
     """Import the signals of a recording from FILE: text tables of any dialect (CSV, also of
-    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), NPZ, Parquet, MCAP, an LCM log, a
-    recording of the axis' own recorder, or an incident.
+    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), STM32CubeMonitor, NPZ, Parquet, MCAP, an
+    LCM log, a recording of the axis' own recorder, or an incident.
 
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
     position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,

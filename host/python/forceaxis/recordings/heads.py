@@ -67,7 +67,8 @@ class Heads:
     kind: str = "CSV"
     names: Line | None = None
     units: Line | None = None
-    count: tuple[int, Line] | None = None  # number of samples that the header states
+    # number of samples that the header states, and where it does
+    count: tuple[int, str] | None = None
     notes: list[str] = field(default_factory=list)
     refused: Line | None = None  # line with more names than the rows have fields
     unread: str = ""  # why no names were read, or ""
@@ -246,11 +247,13 @@ def _keyed_heads(
     return Heads(heads, names=keys[key][0])
 
 
-def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, Line] | None:
+def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, str] | None:
     key = next((k for k in COUNTS if k in keys and keys[k][1]), None)
     text = keys[key][1][0].rpartition(":")[2].strip() if key else ""
     count = None if GROUPED.match(text) else _number(text)
-    return (round(count), keys[key][0]) if key and count and 1 < count < 1e12 else None
+    if key is None or count is None or not 1 < count < 1e12:
+        return None
+    return round(count), f"line {keys[key][0].number}"
 
 
 def _expect_decimal_points(section: Section, above: Line, width: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.recordings import clock, heads
+from forceaxis.recordings import clock, heads, side_header
 from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock, ClockError, ClockReader
 from forceaxis.recordings.columns import (
     CLOCK,
@@ -378,8 +378,7 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
     ]
     if found.count is not None and found.count[0] != section.rows:
         notes.append(
-            f"line {found.count[1].number} states {counted(found.count[0], 'sample')}, and not "
-            f"{section.rows}"
+            f"{found.count[1]} states {counted(found.count[0], 'sample')}, and not {section.rows}"
         )
     used = {line.number for line in (found.names, found.units) if line is not None}
     for last in section.header[-1:]:
@@ -416,11 +415,13 @@ def _empty_lines(section: Section) -> list[int]:
 def read_tables(path: Path, separator: str | None = None) -> list[Source]:
     """Returns the sections of a text table as sources. `separator`: character between the columns,
     or None to find it. Raises InputError."""
+    side_header.expect_samples(path)
     dialect = dialect_of(path, separator)
     tables: list[tuple[Section, heads.Heads]] = []
     for section in sections_of(path, dialect):
         try:
             found = heads.heads_of(section, tables[-1][1] if tables else None)
+            found = side_header.with_header(path, section, found)
         except InputError as error:
             raise InputError(f"{paths.display(path)}: {error}") from None
         if tables and found.heads == tables[-1][1].heads and _continues(*tables[-1], section):
