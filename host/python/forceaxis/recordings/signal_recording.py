@@ -313,19 +313,24 @@ def read(path: Path | str) -> SignalRecording:
         tables = header.get("signal")
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise ValueError("no tables [[signal]]")
+        times: dict[str, NDArray[np.generic]] = {}
         signals = tuple(
-            _signal(archive, table, f"{where}: signal {number}")
+            _signal(archive, times, table, f"{where}: signal {number}")
             for number, table in enumerate(tables)
         )
     source = from_json(RecordingSource, header.get("source", {}), f"{where}: source")
     return SignalRecording(str(header.get("title", "")), source, signals)
 
 
-def _signal(archive: zipfile.ZipFile, table: JsonObject, where: str) -> RecordedSignal:
-    given = [
-        files.array_of(archive, f"{name}.npy")
-        for name in (f"time_{table['clock']}", str(table["name"]))
-    ]
+def _signal(
+    archive: zipfile.ZipFile, times: dict[str, NDArray[np.generic]], table: JsonObject, where: str
+) -> RecordedSignal:
+    """Returns a signal with its samples. `times`: the times that were already read, of each
+    clock."""
+    clock = str(table["clock"])
+    if clock not in times:
+        times[clock] = files.array_of(archive, f"time_{clock}.npy")
+    given = [times[clock], files.array_of(archive, f"{table['name']}.npy")]
     if any(array.dtype.kind not in "fiub" for array in given):
         raise ValueError(f"{table['name']}: arrays of another kind than numbers")
     time_s, values = (np.asarray(array, dtype=np.float64) for array in given)
