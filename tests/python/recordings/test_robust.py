@@ -103,6 +103,14 @@ def test_a_spike_is_named_and_nothing_else(at, size):
     assert touch.level_of(time_s, force, "force").noise == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.parametrize("name", ["current", "torque", "voltage_command", "motor.current"])
+def test_a_reaction_of_the_controller_is_no_spike(name):
+    """For a single tick at a contact, the current of `hold_biquad` is 27 counts lower."""
+    time_s, force = touch_down({300: -400.0})
+    assert ("spike", 0.3) not in kinds(time_s, force, name)
+    assert ("spike", 0.3) in kinds(time_s, force, "position")
+
+
 def test_a_spike_hides_no_jump_and_makes_no_saturation():
     time_s, force = touch_down({50: CONVERTER_END})
     force[300:] += 40

@@ -29,6 +29,8 @@ STATE_ENDINGS = (
     "code",
     "enabled",
 )  # endings of the names of signals that are constant between steps
+# endings of the names of signals that a drive may change for a single sample
+DRIVEN_ENDINGS = ("current", "torque", "voltage", "acceleration")
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
@@ -54,7 +56,10 @@ def moves(name: str) -> bool:
 
 def spikes(name: str, time_s: Floats, values: Floats) -> list[tuple[int, int]]:
     """Returns the index ranges (begin, end) of the spikes of a signal. A spike of a force that may
-    be a contact is none."""
+    be a contact is none. A controller reacts to a contact with a single large sample, so a current
+    has no spikes."""
+    if name.endswith(DRIVEN_ENDINGS):
+        return []
     return [
         (begin, end) for begin, end in robust.spikes_of(values, quantum_of(values))
         if name != "force" or not robust.is_contact(time_s, values, begin, end)
