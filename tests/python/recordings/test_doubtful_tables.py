@@ -167,7 +167,7 @@ UNNAMED_TIMES = {
     "a column without a name": ("Sample Rate,1000.0\nSecond,Volt\n", "{t:.6f},{f:.3f},0x0637"),
     "no names": ("Sample Interval,0.001\nVertical Scale,5.0\n", "{t:.6f},{f:.3f},{k}"),
     "another name": ("Sample Rate: 1 kHz\nX,CH1,CH2\n", "{t:.6f},{f:.3f},{k}.25"),
-    "another place": ("dt;1 ms\nKanal 1;Kanal 2;Achse\n", "{k}.25;{f:.3f};{t:.6f}"),
+    "another place": ("dt;1 ms\n", "{k}.25;{f:.3f};{t:.6f}"),
 }
 
 
@@ -184,6 +184,17 @@ def test_times_of_the_stated_step_are_known_without_a_name(tmp_path, form):
     np.testing.assert_allclose(signal.time_s, [1e-3 * k for k in kept], atol=1e-9)
     assert "no sample for 0.004 s, 3 samples missing" in printed
     assert "the times are those of column" in printed or "was not found by its name" in printed
+
+
+@pytest.mark.parametrize("row", ["{k},{f:.3f},{t:.6f}", "{r:.3f},{f:.3f},{k}.25"])
+def test_a_signal_that_moves_as_slowly_as_the_times_is_no_time(tmp_path, row):
+    """A set-point in mm at 1 mm/s: it stands behind another signal, or it moves a part of the
+    time."""
+    lines = [row.format(k=k, f=0.5 * k, t=1e-3 * k, r=1e-3 * min(k, 50)) for k in range(60)]
+    head = "Sample Interval,0.001\nset,load,other\n"
+    signal, printed = imported(tmp_path, table(lines, head), "--map", "force=load:N")
+    expect(signal)
+    assert "the times are those of sample interval 0.001 of line 1" in printed
 
 
 def test_times_that_count_rows_say_that_rows_are_missing(tmp_path):

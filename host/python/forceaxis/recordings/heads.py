@@ -482,12 +482,12 @@ def _add_time_of_interval(
     interval = _seconds(keys[key][1][0], key) if key else None
     if interval is None or time_place_of(section, found.heads) is not None:
         return
-    units = [head.unit for head in found.heads]
-    for place in (k for k in section.checked if section.kinds[k] == NUMBER and not units[k]):
+    numbers = [k for k in section.checked if section.kinds[k] == NUMBER]
+    if found.names is not None:  # a later column with a name may be a signal that moves so slowly
+        numbers = numbers[:1]
+    for place in (k for k in numbers if not found.heads[k].unit):
         values = [section.dialect.value(row[place]) for row in section.samples if len(row) > place]
-        steps = np.diff([np.nan if value is None else value for value in values])
-        is_step = np.isclose(steps, interval, rtol=0.02, atol=0)  # rows may be missing
-        if is_step.sum() > max(2.0, 0.7 * len(steps)):
+        if _counts_steps([np.nan if value is None else value for value in values], interval):
             head = found.heads[place]
             name = "time" if found.names is None else head.name
             found.heads[place] = replace(head, name=name, unit="s", grid=None)
@@ -501,6 +501,15 @@ def _add_time_of_interval(
                 unit = keys["vertical units"][1][0] if "vertical units" in keys else ""
                 found.heads[place + 1] = Head(names[0], unit or None)
             return
+
+
+def _counts_steps(values: Sequence[float], interval: float) -> bool:
+    """Returns True if numbers rise by an interval from row to row, and by whole multiples of it
+    where rows are missing."""
+    steps = np.diff(values) / interval
+    is_one = np.isclose(steps, 1.0, rtol=0.02, atol=0)
+    is_whole = (steps > 0.9) & np.isclose(steps, np.round(steps), rtol=0, atol=0.1)
+    return bool(is_one.sum() > max(2.0, 0.7 * len(steps)) and is_whole.sum() >= 0.95 * len(steps))
 
 
 def time_place_of(section: Section, heads: Sequence[Head]) -> int | None:
