@@ -60,6 +60,13 @@ def imported(path):
     imported_from(read_source(path), path)
 
 
+def beside(path):
+    """Imports samples of an oscilloscope with the header `path`."""
+    samples = path.with_name("scope.Wfm.csv")
+    samples.write_text("".join(f"{0.5 * k:e}\n" for k in range(60)))
+    imported_from(read_source(samples), samples)
+
+
 def recording_used(recording):
     """Uses a recording as `compare` and `identify` do."""
     even = recording.even(1 / 1500)
@@ -236,6 +243,22 @@ def formats(tmp_path_factory):
         )
     }
     experiment = paths.EXPERIMENTS / "press_fit.toml"
+    stcm = "".join(
+        json.dumps(
+            {
+                "groupname": "g",
+                "variablename": name,
+                "variabledata": [{"x": 1_700_000_000_000 + 20 * j + k, "y": k} for k in range(20)],
+            }
+        )
+        + "\n"
+        for j in (1, 2)
+        for name in ("force", "travel")
+    )
+    side = (
+        "SignalResolution:1e-3:\nXStart:-0.01:\nSignalRecordLength:60:\nSource:Ch1:\n"
+        "MultiChannelExport:Off:\nVerticalUnit:N:\n"
+    )
     rates = f"state,peak,peak{VERDICT}\ngood,1.5,good\ngood,1.6,good\n"
     response = response_arrays()
     csv_response = "frequency_hz,magnitude,phase_deg,coherence\n" + "".join(
@@ -364,6 +387,13 @@ def formats(tmp_path_factory):
             lambda p: fit.read_response(p, "fig4_19", {}, settings),
             "identify.columns:rows_of",
         ),
+        text(
+            "log.stcm",
+            stcm,
+            lambda p: import_source(read_source(p), p, ImportRequest(["force=force:N"])),
+            "recordings.cube_monitor:read",
+        ),
+        text("scope.csv", side, beside, "recordings.side_header:_properties"),
         text("parts.csv", rates, records.read_parts, "cycles.records:_read_table"),
         text(
             "parts.csv",
@@ -384,8 +414,15 @@ def formats(tmp_path_factory):
             (header, kept),
             of_recording,
             saved,
-            lambda p: recording_used(signal_recording.read(p)),
-            ("recordings.signal_recording:read", "recordings.signal_recording:is_recording"),
+            lambda p: (
+                signal_recording.source_file(p),
+                recording_used(signal_recording.read(p)),
+            ),
+            (
+                "recordings.signal_recording:read",
+                "recordings.signal_recording:is_recording",
+                "recordings.signal_recording:source_file",
+            ),
         ),
         Format(
             "response.npz",

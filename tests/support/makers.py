@@ -527,6 +527,28 @@ def plc_log(s, rng):
     )
 
 
+def dated_log(s, rng):
+    """Date and time in two columns, or the milliseconds in a third one; it may pass midnight."""
+    in_ms = rng.random() < 0.5
+    begin_s = rng.choice([50_584, 86_399.97])
+    rows = []
+    for t, f, x in zip(s["time"] - s["time"][0], s["force"], s["position"], strict=True):
+        day, us = divmod(round(1e6 * (begin_s + (10 * t if in_ms else t))), 86_400_000_000)
+        clock, part = f"{us // 3_600_000_000:02}:{us // 60_000_000 % 60:02}", us % 60_000_000
+        second, part = divmod(part, 1_000_000)
+        time = [f"{clock}:{second:02}", str(part // 1000)] if in_ms else [
+            f"{clock}:{second:02}.{part:06}"]  # fmt: skip
+        rows.append([f"{15 + day}.01.2024", *time, f"{f:.3f}", f"{x:.4f}"])
+    if in_ms:
+        s["time"] = 10 * s["time"]
+    head = [["Datum", "Uhrzeit", *(["ms"] if in_ms else []), "Kraft [N]", "Weg [mm]"]]
+    place = 3 if in_ms else 2
+    return Layout(
+        "log with dates", head, rows, {"force": (place, "Kraft"), "position": (place + 1, "Weg")},
+        ";", numeric={place, place + 1},
+    )  # fmt: skip
+
+
 def epoch_log(s, rng):
     begin_ns = 1_778_767_384_000_000_000 + rng.randrange(10**9)
     stamps = [str(begin_ns + round(1e9 * (t - s["time"][0]))) for t in s["time"]]
@@ -598,6 +620,7 @@ MAKERS = (
     shimadzu,
     yokogawa,
     plc_log,
+    dated_log,
     epoch_log,
     pandas_csv,
     blanks,

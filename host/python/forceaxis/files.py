@@ -35,7 +35,8 @@ DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
-UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file
+UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file, or
+UNPACKED_MOST_TIMES = 16  # so many times the size of the file itself
 INTEGER_MOST = 1 << 64  # largest magnitude of an integer in JSON, plus 1
 # largest number of characters of another package's error text that a message shows
 TEXT_MOST = 200
@@ -162,9 +163,11 @@ def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
 
 
 def expect_unpacked(file: Path | str, size: int) -> None:
-    """Raises InputError for a compressed file whose content is too large after decompression."""
-    if size > UNPACKED_MOST_BYTES:
+    """Raises InputError for a compressed file whose content is too large after decompression. A
+    long recording is large too, but its samples hardly become smaller by compression."""
+    most = max(UNPACKED_MOST_BYTES, UNPACKED_MOST_TIMES * Path(file).stat().st_size)
+    if size > most:
         refuse(
-            file, f"a content of at most {UNPACKED_MOST_BYTES >> 20} MiB",
+            file, f"a content of at most {most >> 20} MiB",
             f"{size >> 20} MiB when it is unpacked", "export a part of it",
         )  # fmt: skip

@@ -30,7 +30,7 @@ from forceaxis.commission.known import Prior
 from forceaxis.experiments.experiment import Experiment
 from forceaxis.experiments.workers import WorkerDiffers, Workers
 from forceaxis.linear import plant_set, posterior, working
-from forceaxis.recordings import model_error, signal_recording
+from forceaxis.recordings import findings, model_error, signal_recording
 from forceaxis.recordings.model_error import ErrorSize
 from forceaxis.results import to_json
 
@@ -238,6 +238,32 @@ def test_the_effect_of_a_constant_error_of_the_command_is_that_of_the_command(id
     place = (behind.position - ahead.position)[0] / problem.position.spread
     np.testing.assert_allclose(moved, np.concatenate([force, place]), atol=1e-6)
     assert np.max(np.abs(force)) > 1
+
+
+def test_spikes_of_a_recording_are_told_and_are_no_noise(identified, tmp_path):
+    found, _ = identified
+    read = study.sensors(12, offset=0.2)
+    touches = study.touched(MACHINE, read, 3, 0.03, ((0.06, 60.0),))
+    names = ("m_w", "k_w")
+    order = study.order_of(tmp_path, study.sheet_of(MACHINE, names, 3), read, touches, names)
+    clean, (row,) = contact_fit.read_recordings(order)
+    assert row.notes == ()
+    recording = signal_recording.read(order.recordings[0])
+    force = recording["force"]
+    values = force.values.copy()
+    values[10] = 4e4
+    spiked = dataclasses.replace(
+        force, values=values, findings=findings.find("force", force.time_s, values)
+    )
+    signals = tuple(spiked if one.name == "force" else one for one in recording)
+    signal_recording.write(dataclasses.replace(recording, signals=signals), order.recordings[0])
+    data, (row,) = contact_fit.read_recordings(order)
+    assert data.touches[0].force.noise == pytest.approx(clean.touches[0].force.noise, rel=0.05)
+    assert data.touches[0].zero_N == pytest.approx(clean.touches[0].zero_N, abs=0.05)
+    (note,) = row.notes
+    assert note.startswith("force: 1 spike, at ")
+    text = "\n".join(rows_of(dataclasses.replace(found.result, recordings=(row,))))
+    assert f"warning      {row.file}: {note}; `forceaxis recording import --without-spikes`" in text
 
 
 def test_the_model_error_is_told_in_newtons_and_millimetres(identified, tmp_path):

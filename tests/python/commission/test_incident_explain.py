@@ -12,7 +12,7 @@ from forceaxis import linear
 from forceaxis._core import InputError
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import incident as cli_incident
-from forceaxis.commission import contact_elements, incident, incident_explain
+from forceaxis.commission import contact_elements, incident, incident_explain, incident_problem
 from forceaxis.commission.incident_explain import ExplainOrder, explain
 from forceaxis.experiments.experiment import Experiment
 from verbs import forceaxis
@@ -118,6 +118,20 @@ def test_a_second_that_begins_in_contact_is_refused(stiff):
     other = dataclasses.replace(known, recording=dataclasses.replace(known.recording, raw=raw))
     with pytest.raises(InputError, match="begins out of contact"):
         explain(other, ORDER)
+
+
+def test_a_sample_that_was_disturbed_is_no_contact_at_the_begin(stiff):
+    known = incident.load(stiff)
+    raw = known.recording.raw.copy()
+    place = known.recording.signals.index("force_raw")
+    model = linear.find_model(incident_study.MODEL)
+    clean = incident_problem.data_of(known, model, {}).touches[0]
+    raw[2, place] = 2**known.force.adc_bits - 1
+    other = dataclasses.replace(known, recording=dataclasses.replace(known.recording, raw=raw))
+    assert other.force_N[2] > 10 * abs(known.force_N[2])
+    found = incident_problem.data_of(other, model, {}).touches[0]
+    assert found.force.seen == pytest.approx(clean.force.seen, rel=0.1)
+    assert found.force.noise == pytest.approx(clean.force.noise, rel=0.1)
 
 
 def test_a_posterior_without_its_model_is_refused(stiff, tmp_path):

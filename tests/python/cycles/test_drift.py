@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from forceaxis.cycles import drift, judge
 from forceaxis.errors import ParameterError
+from forceaxis.recordings.importing import Imported
 from judged_curves import recording
 from scipy import stats
 from test_judge import PRESS, press_of, pressed
@@ -154,7 +155,8 @@ def worn(press, seed, wear_mm_per_part):
     for number in range(1, 201):
         wear_m = wear_mm_per_part * 1e-3 * max(0, number - 100)
         shoulder, friction = rng.gauss(0.003, 20e-6) - wear_m, rng.gauss(25e3, 1e3)
-        curves.append((f"{number}.npz", recording(*pressed(rng, 1000.0, shoulder, friction))))
+        made = recording(*pressed(rng, 1000.0, shoulder, friction))
+        curves.append((f"{number}.npz", [Imported(made, ())]))
     return judge.judge_all(press, curves)
 
 

@@ -16,7 +16,7 @@ from forceaxis.cycles.part import ElementFigure
 from forceaxis.cycles.record import PartRecord
 from forceaxis.cycles.records import RecordFolder, read_parts
 from forceaxis.recordings import signal_recording
-from judged_curves import saturation, without
+from judged_curves import recording, saturation, signal, without
 from test_judge import EXPERIMENTS, PRESS, bush, held_sample, simulated
 from verbs import forceaxis
 
@@ -137,6 +137,96 @@ def test_a_force_over_its_range_at_an_end_of_a_file_makes_the_part_bad(
     assert "left out" in str(part["import_notes"]) or not notes
 
 
+def bushes(file, shoulders, gap="", first=1):
+    """Writes a table with the curve of a bush for each shoulder, one below the other."""
+    text = ""
+    for k, shoulder in enumerate(shoulders, first):
+        made = bush(shoulder, seed=k)
+        text += gap + "t [s],F [N],s [mm]\n" + "".join(
+            f"{t:.6f},{f:.6f},{1e3 * x:.7f}\n"
+            for t, f, x in zip(made["force"].time_s, made["force"].values,
+                               made["position"].values, strict=True)
+        )  # fmt: skip
+    file.write_text(text)
+
+
+@pytest.mark.parametrize("gap", ["", "\nnext part\n"])
+def test_each_section_of_a_table_is_a_part(folder, tmp_path, gap):
+    shutil.copy(folder / "bush.toml", tmp_path)
+    shoulders = (0.003, 0.0036, 0.0031)
+    bushes(tmp_path / "day.csv", shoulders, gap)
+    files = [f"alone_{k}.csv" for k in (1, 2, 3)]
+    for k, file in enumerate(files):
+        bushes(tmp_path / file, shoulders[k : k + 1], first=k + 1)
+    maps = ("--map", "force=F,position=s")
+    parts = judged_json(tmp_path, "bush.toml", "day.csv", *COUNTS, *maps, "--out", "r")["parts"]
+    alone = judged_json(tmp_path, "bush.toml", *files, *COUNTS, *maps)
+    assert [part["file"] for part in parts] == [f"day.csv, part {k}" for k in (1, 2, 3)]
+    records = [part["record"] for part in parts]
+    assert [(one["serial"], one["number"]) for one in records] == [
+        ("day_1", 1), ("day_2", 2), ("day_3", 3),
+    ]  # fmt: skip
+    assert [one["elements"] for one in records] == [
+        one["record"]["elements"] for one in alone["parts"]
+    ]
+    assert len(read_parts(tmp_path / "r").records) == 3
+
+
+def test_each_pass_through_the_phases_is_a_part(folder, tmp_path):
+    """A recording of three strokes, with the signal phase; -1 between them."""
+    shutil.copy(folder / "bush.toml", tmp_path)
+    alone, values = [], {"force": [], "position": [], "phase": []}
+    for k, shoulder in enumerate((0.003, 0.0036, 0.0031), 1):
+        made = bush(shoulder, seed=k)
+        count = len(made["force"].values)
+        one = replace(made, signals=(*made, signal("phase", made["force"].time_s, np.zeros(count))))
+        alone.append(signal_recording.write(one, tmp_path / f"alone_{k}").name)
+        for name, before in (("force", 0.0), ("position", one["position"].values[0]),
+                             ("phase", -1.0)):  # fmt: skip
+            values[name] += [np.full(20, before), one[name].values]
+    whole = {name: np.concatenate(parts) for name, parts in values.items()}
+    time_s = np.arange(len(whole["force"])) / 1000
+    day = recording(time_s, whole["force"], whole["position"], phase=whole["phase"])
+    signal_recording.write(day, tmp_path / "day")
+    parts = judged_json(tmp_path, "bush.toml", "day.npz", *COUNTS)["parts"]
+    singles = judged_json(tmp_path, "bush.toml", *alone, *COUNTS)["parts"]
+    assert [part["file"] for part in parts] == [f"day.npz, part {k}" for k in (1, 2, 3)]
+    assert [part["record"]["elements"] for part in parts] == [
+        part["record"]["elements"] for part in singles
+    ]
+    short = replace(day, signals=tuple(
+        replace(s, time_s=s.time_s[15:], values=s.values[15:]) for s in day))  # fmt: skip
+    short.signals[2].values[700:703] = -1
+    signal_recording.write(short, tmp_path / "short")
+    done = forceaxis("cycle", "judge", "bush.toml", "short.npz", *COUNTS, cwd=tmp_path)
+    assert done.returncode == 2 and "expected the curve of one part, or several ones" in done.stderr
+
+
+def test_a_second_stroke_that_nothing_separates_is_noted(folder, tmp_path):
+    """The program decides about the phases, and its cycle ends with the first stroke."""
+    shutil.copy(folder / "bush.toml", tmp_path)
+    first, second = bush(0.003, seed=1), bush(0.003, seed=2)
+    force, place = (
+        np.concatenate([first[name].values, second[name].values]) for name in ("force", "position")
+    )
+    twice = recording(np.arange(len(force)) / 1000, force, place)
+    signal_recording.write(first, tmp_path / "once")
+    signal_recording.write(twice, tmp_path / "twice")
+    note = "the curve presses once more at "
+    assert note not in judged(tmp_path, "bush.toml", "once.npz", *COUNTS)
+    assert note in judged(tmp_path, "bush.toml", "twice.npz", *COUNTS)
+
+
+def test_a_spike_of_a_curve_is_named_and_judged(folder, tmp_path):
+    shutil.copy(folder / "bush.toml", tmp_path)
+    foreign(tmp_path / "a.csv", lambda k: "8388.6" if k == 40 else ramp(k))
+    words = ("bush.toml", "a.csv", *COUNTS, "--map", "force=F,position=s", "--phase", "press")
+    note = "force: 1 spike, at 0.04 s first: 1 sample of 8388.6 between 15.652 and 16.478"
+    assert f"note         a.csv: {note}\n" in judged(tmp_path, *words)
+    (part,) = judged_json(tmp_path, *words)["parts"]
+    assert note in part["import_notes"] and part["record"]["state"] == "bad"
+
+
 def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):
     shutil.copy(folder / "bush.toml", tmp_path)
     for name in "abc":
@@ -149,16 +239,6 @@ def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):
     parts = judged_json(tmp_path, "bush.toml", "a.csv", "a.npz", *COUNTS, *maps)["parts"]
     assert [part["import_notes"] for part in parts] == [[note], []]
     assert parts[0]["record"]["elements"] == parts[1]["record"]["elements"]
-
-
-def test_a_file_with_several_curves_is_refused_by_its_name(folder, tmp_path):
-    shutil.copy(folder / "bush.toml", tmp_path)
-    rows = [f"{k / 1000:.4f},{ramp(k)},{k * 0.02:.4f}" for k in range(200)]
-    (tmp_path / "a.csv").write_text("\n".join(["t [s],F [N],s [mm]", *rows, *rows]) + "\n")
-    done = forceaxis("cycle", "judge", "bush.toml", str(tmp_path / "a.csv"), *COUNTS, "--map",
-                     "force=F,position=s", cwd=tmp_path)  # fmt: skip
-    assert done.returncode == 2
-    assert done.stderr.startswith("forceaxis: a.csv: expected the curve of one part, got 2 sect")
 
 
 def test_a_series_prints_statistics_and_drift(folder):

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forceaxis import InputError, _core
-from forceaxis.cycles import part, plots
+from forceaxis.cycles import judge, part, plots
 from forceaxis.cycles.program import is_within, read_program
+from test_judge import TARED, TARED_ELEMENTS, simulated
 
 PRESS_FIT = Path(__file__).resolve().parents[3] / "sim/experiments/press_fit.toml"
 PROGRAM = PRESS_FIT.parents[1] / "cycles/press_fit.toml"
@@ -198,3 +199,20 @@ def test_travel_counts_from_the_zero_of_the_program(tmp_path, zero, at_20_N_mm):
     pressed = slice(0, int(np.argmax(curve.force_N > 40)))
     at_20_N = np.interp(20.0, curve.force_N[pressed], curve.travel_m[pressed])
     assert 1e3 * at_20_N == pytest.approx(at_20_N_mm, abs=0.1)
+
+
+def test_the_curve_begins_with_the_first_sample_of_the_cycle(tmp_path):
+    """A recording of the same axis is judged from its first sample on, and the tare of 0.1 s takes
+    150 samples."""
+    program = tmp_path / "tared.toml"
+    program.write_text(TARED + TARED_ELEMENTS)
+    overrides = ("firmware.tare_band=8", "force_noise=0.3 N", f"experiment.cycle={program}")
+    curve = part.run(PRESS_FIT, overrides[:2], program).curve
+    _, recorded = simulated("press_fit", overrides)
+    judged = judge.judge(judge.JudgePress(PRESS_FIT, None, overrides), recorded, "part")
+    assert judged.record.duration_s * 1500 == pytest.approx(len(curve.time_s))
+    assert judged.phases[0].begin_s == pytest.approx(curve.time_s[0])
+    spans = [(span.begin_s, span.end_s) for span in judged.phases]
+    own = [curve.time_s[curve.phase == k] for k in range(len(spans))]
+    np.testing.assert_allclose(spans, [(times[0], times[-1]) for times in own])
+    assert np.count_nonzero(curve.phase == 0) == 150

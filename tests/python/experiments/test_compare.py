@@ -392,6 +392,27 @@ def test_gaps_of_the_recorded_force_are_noted(experiment):
     assert any("gap of the force at 0.299" in note for note in notes), notes
 
 
+@pytest.mark.parametrize("spike", [-400.0, 8388607.0])
+def test_a_spike_before_the_contact_changes_no_figure_and_is_noted(experiment, spike):
+    time_s, columns = machine(experiment)
+    force = force_of(columns)
+    results = []
+    for name, values in (("clean", force), ("spiked", force.copy())):
+        if name == "spiked":
+            values[100] = spike
+        own = dataclasses.replace(
+            signal("force", "N", time_s, values), findings=findings.find("force", time_s, values)
+        )
+        results.append(compared(experiment, recorded(experiment.parent / name, own)).result)
+    clean, spiked = results
+    assert spiked.noise_N == pytest.approx(clean.noise_N, rel=0.02)
+    assert by_name(spiked)["peak"].measured == pytest.approx(
+        by_name(clean)["peak"].measured, abs=0.01
+    )
+    assert spiked.agrees == clean.agrees
+    assert any(note.startswith("force: 1 spike, at 0.0666") for note in spiked.notes)
+
+
 def test_the_figures_are_those_of_their_definitions():
     """Half sines of 50, 40 and 20 N with two losses of contact, then 10 N."""
     time_s = np.arange(0, 0.5, 0.0005)

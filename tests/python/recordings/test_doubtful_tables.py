@@ -1,5 +1,6 @@
 """Text tables that may be read in two ways: nothing of them is imported in silence."""
 
+import numpy as np
 import pytest
 from test_text_tables import expect, imported, refused, rows, table
 
@@ -159,3 +160,49 @@ def test_whole_thousands_are_refused(tmp_path, row):
         return
     said = refused(tmp_path, text, "--map", "force=F")
     assert "line 2, F: expected a sure decimal sign, got '1.000', which may be 1000" in said
+
+
+# Headers that state the step of the times, above rows whose times have no name.
+UNNAMED_TIMES = {
+    "a column without a name": ("Sample Rate,1000.0\nSecond,Volt\n", "{t:.6f},{f:.3f},0x0637"),
+    "no names": ("Sample Interval,0.001\nVertical Scale,5.0\n", "{t:.6f},{f:.3f},{k}"),
+    "another name": ("Sample Rate: 1 kHz\nX,CH1,CH2\n", "{t:.6f},{f:.3f},{k}.25"),
+    "another place": ("dt;1 ms\n", "{k}.25;{f:.3f};{t:.6f}"),
+}
+
+
+@pytest.mark.parametrize("form", UNNAMED_TIMES)
+def test_times_of_the_stated_step_are_known_without_a_name(tmp_path, form):
+    """Times that count the rows put all rows behind a missing one at wrong times."""
+    head, row = UNNAMED_TIMES[form]
+    lines = rows(row)
+    del lines[40:43]
+    signal, printed = imported(tmp_path, table(lines, head), "--map", "force=#2:N")
+    assert signal.rate_hz == pytest.approx(1000)
+    kept = [k for k in range(60) if not 40 <= k < 43]
+    np.testing.assert_allclose(signal.values, [0.5 * k for k in kept])
+    np.testing.assert_allclose(signal.time_s, [1e-3 * k for k in kept], atol=1e-9)
+    assert "no sample for 0.004 s, 3 samples missing" in printed
+    assert "the times are those of column" in printed or "was not found by its name" in printed
+
+
+@pytest.mark.parametrize("row", ["{k},{f:.3f},{t:.6f}", "{r:.3f},{f:.3f},{k}.25"])
+def test_a_signal_that_moves_as_slowly_as_the_times_is_no_time(tmp_path, row):
+    """A set-point in mm at 1 mm/s: it stands behind another signal, or it moves a part of the
+    time."""
+    lines = [row.format(k=k, f=0.5 * k, t=1e-3 * k, r=1e-3 * min(k, 50)) for k in range(60)]
+    head = "Sample Interval,0.001\nset,load,other\n"
+    signal, printed = imported(tmp_path, table(lines, head), "--map", "force=load:N")
+    expect(signal)
+    assert "the times are those of sample interval 0.001 of line 1" in printed
+
+
+def test_times_that_count_rows_say_that_rows_are_missing(tmp_path):
+    lines = rows("{f:.3f}")
+    head = "Points:,60\nXInc:,1.0E-03\nXOrg:,0.0\nData:\n"
+    whole, printed = imported(tmp_path, table(lines, head), "--map", "force=1:N")
+    assert "missing" not in printed
+    expect(whole)
+    del lines[40:43]
+    _, printed = imported(tmp_path, table(lines, head), "--map", "force=1:N")
+    assert "3 samples missing: if not at the end, all later times are too early" in printed

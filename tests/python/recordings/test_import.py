@@ -357,7 +357,7 @@ WRONG = {
                 r"F: expected the unit of this column, but the source states none; write --map"),
     "a unit of something else": (TOUCH, ("--map", "force=F_N:mm"),
                                  r"F_N: expected a unit of force, such as N, got 'mm'"),
-    "an unknown unit": (TOUCH, ("--map", "force=F_N:tonf"),
+    "an unknown unit": (TOUCH, ("--map", "force=F_N:pdl"),
                         r"--map: .*expected a unit such as N, .* its size, such as :9.80665N"),
     "a mass": (TOUCH, ("--map", "force=F_N:kg"), r"kg measures a mass; .* write :kgf"),
     "a wrong name": (TOUCH, ("--map", "Force=F_N"), r"--map: Force: expected a name of small"),

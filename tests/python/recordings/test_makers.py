@@ -74,7 +74,8 @@ def test_the_table_of_each_maker_is_imported_by_the_first_command(tmp_path, make
     assert len(found) == 1 and expect_samples(found[0], known)
     force = found[0].recording["force"]
     assert not force.findings
-    if maker not in (makers.twincat, makers.plc_log, makers.epoch_log):  # those begin elsewhere
+    elsewhere = (makers.twincat, makers.plc_log, makers.dated_log, makers.epoch_log)
+    if maker not in elsewhere:  # those begin at another time
         np.testing.assert_allclose(force.time_s, known["time"], atol=1e-9)
     layout.columns = {k: (place, f"#{place + 1}") for k, (place, _) in layout.columns.items()}
     again = imported(layout, tmp_path / "table.csv")

@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from forceaxis import files
 from forceaxis._core import InputError
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.signal_recording import (
@@ -44,6 +45,32 @@ def test_a_recording_is_read_as_it_was_written(tmp_path):
     assert again.read_bytes() == path.read_bytes()
     with np.load(path) as plain:  # NumPy alone
         np.testing.assert_array_equal(plain["time_0"], TIME_S)
+
+
+def long_recording(values):
+    time_s = np.arange(len(values)) / 1e4
+    signals = tuple(
+        RecordedSignal(name, "N", name, "N", 1.0, 1, 1e4, time_s=time_s, values=values)
+        for name in ("force", "load")
+    )
+    return SignalRecording("long", recording().source, signals)
+
+
+def test_a_long_recording_is_read_and_a_small_file_that_unpacks_to_much_is_not(
+    tmp_path, monkeypatch
+):
+    """An hour of five signals at 10 kHz has 1.7 GB; what is limited are files of a few bytes."""
+    noise = np.random.default_rng(1).normal(size=40_000)
+    measured = signal_recording.write(long_recording(noise), tmp_path / "measured")
+    empty = signal_recording.write(long_recording(np.zeros(40_000)), tmp_path / "empty")
+    for path in (measured, empty):
+        assert len(signal_recording.read(path)["load"].values) == 40_000
+    monkeypatch.setattr(files, "UNPACKED_MOST_BYTES", 100_000)
+    monkeypatch.setattr(files, "UNPACKED_MOST_TIMES", 2)
+    read = signal_recording.read(measured)
+    assert read["force"].time_s is read["load"].time_s  # in the memory once
+    with pytest.raises(InputError, match="expected a content of at most"):
+        signal_recording.read(empty)
 
 
 def test_values_are_those_of_the_time_at_which_they_were_true(tmp_path):

@@ -16,7 +16,7 @@ from forceaxis._core import InputError
 from forceaxis.recordings import signal_recording
 from forceaxis.recordings.importing import ImportRequest, import_source
 from forceaxis.recordings.reading import read_source
-from forceaxis.recordings.units import factor_of, unit_text_of
+from forceaxis.recordings.units import factor_of, split_name, unit_text_of
 from pyarrow import parquet
 from verbs import forceaxis
 
@@ -61,6 +61,31 @@ def expect(signal, values=FORCE, rate_hz=1000.0, begin_s=0.0):
     assert signal.time_s[0] == pytest.approx(begin_s, abs=1e-9)
     steps = np.arange(len(values)) / rate_hz
     np.testing.assert_allclose(signal.time_s - signal.time_s[0], steps, atol=1e-6 / rate_hz)
+
+
+def test_recordings_of_an_earlier_import_of_the_file_do_not_stay(tmp_path):
+    """Three tests in a file, then two, then one: nobody takes the third one for a new one."""
+    part = table(rows("{t:.3f},{f:.3f}"), "t_s,F_N\n")
+    other = tmp_path / "made_4.npz"
+
+    def files():
+        return sorted(file.name for file in tmp_path.glob("made*"))
+
+    run(tmp_path, 4 * part, "--map", "force=F_N", name="another.csv")
+    for old in ("made_1.npz", "made_2.npz", "made_3.npz"):
+        (tmp_path / old).unlink()
+    assert run(tmp_path, 3 * part, "--map", "force=F_N").stderr == ""
+    assert files() == ["made_1.npz", "made_2.npz", "made_3.npz", "made_4.npz"]
+    done = run(tmp_path, 2 * part, "--map", "force=F_N", "--json")
+    assert done.stderr.endswith("made_3.npz of an earlier import removed\n")
+    assert len(json.loads(done.stdout)["recordings"]) == 2
+    assert files() == ["made_1.npz", "made_2.npz", "made_4.npz"]  # the last one is of another file
+    run(tmp_path, 2 * part, "--map", "force=F_N", "--section", "1")
+    assert files() == ["made.npz", "made_1.npz", "made_2.npz", "made_4.npz"]
+    assert run(tmp_path, part, "--map", "force=F_N").stderr.count("removed") == 2
+    assert files() == ["made.npz", "made_4.npz"]
+    assert signal_recording.source_file(other) == "another.csv"
+    assert signal_recording.source_file(tmp_path / "source.csv") is None
 
 
 # Times of a calendar: a double has steps of 0.24 us there.
@@ -363,6 +388,8 @@ def test_channels_of_one_symbol_keep_their_places_names_and_units(tmp_path, name
         ("kgf", 9.80665), ("kp", 9.80665), ("gf", 9.80665e-3), ("lbf", 4.4482216152605),
         ("ozf", 4.4482216152605 / 16), ("daN", 10), ("MN", 1e6), ("kN", 1e3), ("KN", 1e3),
         ("Newton", 1), ("tf", 9806.65), ("2.5N", 2.5), ("2 lbf", 2 * 4.4482216152605),
+        ("LBF", 4.4482216152605), ("Kgf", 9.80665), ("OZF", 4.4482216152605 / 16), ("DaN", 10),
+        ("dyn", 1e-5), ("kip", 4448.2216152605),
     ],
 )  # fmt: skip
 def test_units_of_force_that_people_write(tmp_path, unit, size_N):
@@ -374,19 +401,44 @@ def test_units_of_force_that_people_write(tmp_path, unit, size_N):
 @pytest.mark.parametrize(
     ("unit", "size_m"),
     [("inch", 0.0254), ("in", 0.0254), ("mil", 2.54e-5), ("thou", 2.54e-5), ("um", 1e-6),
-     ("µm", 1e-6), ("dm", 0.1), ("micron", 1e-6), ("Millimeter", 1e-3), ("ft", 0.3048)],
+     ("µm", 1e-6), ("dm", 0.1), ("micron", 1e-6), ("Millimeter", 1e-3), ("ft", 0.3048),
+     ("INCH", 0.0254), ("Mil", 2.54e-5), ("uin", 2.54e-8), ("feet", 0.3048), ("0.0001in", 2.54e-6)],
 )  # fmt: skip
 def test_units_of_length_that_people_write(unit, size_m):
     assert factor_of(unit, "m") == pytest.approx(size_m, rel=1e-12)
     assert factor_of(unit, "N") is None
 
 
+@pytest.mark.parametrize(
+    ("unit", "wanted", "size"),
+    # NIST SP 811: 1 lbf in = 0.112984829 N m, 1 ft lbf = 1.355817948 N m, 1 ozf in = 7.061552 mN m
+    [("lbf in", "N m", 0.112984829), ("in-lbf", "N m", 0.112984829), ("lb-in", "N m", 0.112984829),
+     ("ft-lbf", "N m", 1.355817948), ("ozf in", "N m", 7.061552e-3), ("oz-in", "N m", 7.061552e-3),
+     ("kgf cm", "N m", 0.0980665), ("N-m", "N m", 1.0), ("N·m", "N m", 1.0), ("Ncm", "N m", 0.01),
+     ("in/s", "m/s", 0.0254), ("in/min", "m/s", 0.0254 / 60), ("ft/min", "m/s", 0.00508),
+     ("mm/sec", "m/s", 1e-3), ("2 mm/sec", "m/s", 2e-3), ("ipm", "m/s", 0.0254 / 60)],
+)  # fmt: skip
+def test_products_and_quotients_of_units_that_people_write(unit, wanted, size):
+    assert factor_of(unit, wanted) == pytest.approx(size, rel=1e-6)
+    assert factor_of(unit, "N") is None and factor_of(unit, "s") is None
+
+
+def test_a_ratio_of_signals_is_no_unit():
+    for name in ("OUT/IN", "x-y", "F-N", "time/step", "Valve IN"):
+        assert split_name(name) == (name, None)
+
+
 def test_a_unit_that_is_not_known_has_a_hint_with_its_size(tmp_path):
-    text = table(rows("{t:.3f},{f},{k}"), "Time (s),Force (dyn),Travel (kg)\n")
+    head = "Time (s),Force (pdl),Travel (kg),Load (tonf),Way (IN)\n"
+    text = table(rows("{t:.3f},{f},{k},{k},{k}"), head)
     said = refused(tmp_path, text, "--map", "force=Force")
-    assert "expected a unit of force, such as N, got 'dyn'" in said and ":9.80665N" in said
+    assert "expected a unit of force, such as N, got 'pdl'" in said and ":9.80665N" in said
+    said = refused(tmp_path, text, "--map", "force=Load")
+    assert "tonf has several sizes; write the one that is meant: 9806.65N (metric), 8896" in said
+    said = refused(tmp_path, text, "--map", "position=Way")
+    assert "got 'IN'; write another unit in --map position=Way:UNIT; write :in if" in said
     said = refused(tmp_path, text, "--map", "force=Travel")
-    assert "kg measures a mass; for the weight of this mass write :kgf" in said
+    assert "kg measures a mass; for the weight of this mass write :kgf, which is 9.80665 N" in said
     expect(imported(tmp_path, text, "--map", "force=Force:1e-5N")[0], 1e-5 * FORCE)
 
 

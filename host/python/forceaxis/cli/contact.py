@@ -56,6 +56,12 @@ def rows_of(found: ContactFit) -> list[str]:
         f"{plain(one.interval[1], 5)}"
         for one in found.secants
     ]
+    lines += [
+        f"warning      {one.file}: {note}; `forceaxis recording import --without-spikes` leaves "
+        "them out"
+        for one in found.recordings
+        for note in one.notes
+    ]
     if not found.commanded:
         lines.append(f"warning      {NO_COMMAND}")
     lines += model_rows(found)

@@ -26,11 +26,8 @@ from forceaxis.results import to_json
 from forceaxis.words import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from forceaxis.cycles.judge import Counts, Judged, JudgePress
+    from forceaxis.cycles.judge import Counts
     from forceaxis.recordings.importing import Imported
-    from forceaxis.recordings.signal_recording import SignalRecording
 
 
 def size(name: str, text: str | None, unit: str) -> float | None:
@@ -79,46 +76,23 @@ def counts_of(travel: str | None, force: str | None, contact: str | None) -> Cou
     return Counts(travel_m, force_N, contact_N)
 
 
-def read_curve(
+def read_curves(
     file: Path, maps: tuple[str, ...], time: str | None, rate_hz: float | None
-) -> Imported:
-    """Return the recording in a file. With `maps`, the file is one of another program, which is
-    imported as `recording import` does it. Raises InputError."""
+) -> list[Imported]:
+    """Return the recordings in a file. With `maps`, the file is one of another program, which is
+    imported as `recording import` does it, a recording for each section. Raises InputError."""
     from forceaxis.cli.recording import sources_of
     from forceaxis.recordings import signal_recording
     from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
 
     if not maps or signal_recording.is_recording(file):
-        return Imported(signal_recording.read(file), ())
+        return [Imported(signal_recording.read(file), ())]
     texts = [text for given in maps for text in maps_of(given)]
     found = import_sources(sources_of(file, None), file, ImportRequest(texts, time, rate_hz))
-    if len(found) > 1:
-        raise InputError(
-            f"{paths.display(file)}: expected the curve of one part, got {len(found)} sections; "
-            "import this file with `forceaxis recording import`, and give one of the recordings "
-            "that it writes"
-        )
     command = click.get_current_context().command
-    return replace(found[0], notes=tuple(options_in(command, note) for note in found[0].notes))
-
-
-def judged_files(
-    press: JudgePress, curves: tuple[Path, ...], imported: Iterable[Imported], phase: str | None
-) -> Judged:
-    """Return the evaluation of the curves of several files, with the notes of their import. Raises
-    InputError, ParameterError."""
-    from forceaxis.cycles.judge import judge_all
-
-    notes: list[list[str]] = []
-
-    def recordings() -> Iterator[tuple[str, SignalRecording]]:
-        for file, found in zip(curves, imported, strict=True):
-            notes.append(list(found.notes))
-            yield paths.display(file), found.recording
-
-    judged = judge_all(press, recordings(), phase)
-    parts = [replace(part, import_notes=own) for part, own in zip(judged.parts, notes, strict=True)]
-    return replace(judged, parts=parts)
+    return [
+        replace(one, notes=tuple(options_in(command, note) for note in one.notes)) for one in found
+    ]
 
 
 @cycle.command(
@@ -203,9 +177,10 @@ def judge(
     verdict.
 
     PROGRAM is an experiment, whose axis defines the sizes of the counts, or the file of a cycle
-    program, which needs --travel-count and --force-count. CURVE is the recording of one part, with
+    program, which needs --travel-count and --force-count. CURVE is the recording of a part, with
     the signals force and position, positive towards the workpiece and sampled at a constant rate: a
-    file of `recording import`, or any file with --map. Give the curves in the order in which the
+    file of `recording import`, or any file with --map. Each section of a file is a part, and so is
+    each pass through the phases that a recording names. Give the curves in the order in which the
     parts were pressed.
 
     The phases are those of the signals cycle_phase and cycle_state (objects of the firmware, of
@@ -238,8 +213,8 @@ def judge(
         range_of("force_range", force_range, "N"), range_of("travel_range", travel_range, "m")
     )
     known = judge.JudgePress(press, counts, tuple(with_program((), program)), ranges)
-    imported = (read_curve(file, maps, time, rate_hz) for file in curves)
-    judged = judged_files(known, curves, imported, phase)
+    files = ((paths.display(file), read_curves(file, maps, time, rate_hz)) for file in curves)
+    judged = judge.judge_all(known, files, phase)
     proposal = None
     if propose is not None and write is not None:
         proposal = judge.teach(known, judged, propose, write)

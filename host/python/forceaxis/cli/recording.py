@@ -1,11 +1,13 @@
 """`forceaxis recording`: import files of other programs as recordings, and show recorded files."""
 
 import functools
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from forceaxis import paths
 from forceaxis.cli.common import (
     Verbs,
     aligned,
@@ -83,6 +85,10 @@ def sources_of(file: Path, separator: str | None) -> list[Source]:
 @click.option(
     "--section", type=int, help="Number of the only recording to import from FILE. Default: all."
 )
+@click.option(
+    "--without-spikes", is_flag=True,
+    help="Leave out samples that leave a signal and come back at once, which are named anyway.",
+)  # fmt: skip
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
@@ -100,39 +106,58 @@ def import_(
     delays: tuple[str, ...],
     zeros: tuple[str, ...],
     section: int | None,
+    without_spikes: bool,
     separator: str | None,
     title: str,
     out: Path,
     as_json: bool,
 ) -> None:
     """Import the signals of a recording from FILE: text tables of any dialect (CSV, also of
-    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), NPZ, Parquet, MCAP, an LCM log, a
-    recording of the axis' own recorder, or an incident.
+    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), STM32CubeMonitor, NPZ, Parquet, MCAP, an
+    LCM log, a recording of the axis' own recorder, or an incident.
 
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
     position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,
     speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
-    keeps source, unit, sign, rate and delay of each signal. The command reports gaps, jumps,
-    saturation and constant stretches, and the lines of FILE that are no rows. If FILE has several
-    recordings, they become NAME_1.npz, NAME_2.npz and so on.
+    keeps source, unit, sign, rate and delay of each signal. The command reports gaps, spikes,
+    jumps, saturation and constant stretches, and the lines of FILE that are no rows. If FILE has
+    several recordings, they become NAME_1.npz, NAME_2.npz and so on, in place of those of an
+    earlier import of FILE.
     """
     pairs, stretches = (
         dict(text.partition("=")[::2] for text in texts) for texts in (delays, zeros)
     )
     texts = [text for given in maps for text in maps_of(given)]
-    request = ImportRequest(texts, time, rate, pairs, title, stretches, section)
+    request = ImportRequest(texts, time, rate, pairs, title, stretches, section, without_spikes)
     found = import_sources(sources_of(file, separator), file, request)
     name, facts = signal_recording.with_suffix(out), list[JsonObject]()
+    written = [name.with_stem(f"{name.stem}_{k}") for k in range(1, len(found) + 1)]
+    written = written if len(found) > 1 else [name]
     command = click.get_current_context().command
-    for number, imported in enumerate(found, 1):
+    for imported, one in zip(found, written, strict=True):
         done = replace(imported, notes=tuple(options_in(command, n) for n in imported.notes))
-        one = name.with_stem(f"{name.stem}_{number}") if len(found) > 1 else name
-        written = signal_recording.write(done.recording, one)
-        facts.append({**summary(done.recording), "notes": list(done.notes), "file": str(written)})
+        signal_recording.write(done.recording, one)
+        facts.append({**summary(done.recording), "notes": list(done.notes), "file": str(one)})
         if not as_json:
-            print_result(done.recording, False, functools.partial(text_of, done), written)
+            print_result(done.recording, False, functools.partial(text_of, done), one)
+    for old in former_recordings(name, file.name, written) if section is None else ():
+        old.unlink()
+        click.echo(f"forceaxis: {paths.display(old)} of an earlier import removed", err=True)
     if as_json:
         print_json(facts[0] if len(facts) == 1 else {"recordings": facts})
+
+
+def former_recordings(name: Path, source: str, written: list[Path]) -> list[Path]:
+    """Return the recordings that an earlier import of a file `source` has written to NAME.npz and
+    NAME_1.npz, NAME_2.npz and so on, and that this import has not replaced."""
+    numbered = itertools.takewhile(
+        Path.exists, (name.with_stem(f"{name.stem}_{k}") for k in itertools.count(1))
+    )
+    return [
+        path
+        for path in (name, *numbered)
+        if path not in written and signal_recording.source_file(path) == source
+    ]
 
 
 @recording.command(
@@ -144,10 +169,10 @@ def import_(
 def info(file: Path, as_json: bool) -> None:
     """Show what a recorded file contains.
 
-    For a recording of signals: where they come from, and their gaps, jumps, saturation and constant
-    stretches. For a log of LCM messages: the time span, and for each channel the type of the
-    messages, their number, their rate per second and the number of lost messages. A log that is
-    damaged or incomplete is read as far as possible. One line names what was skipped.
+    For a recording of signals: where they come from, and their gaps, spikes, jumps, saturation
+    and constant stretches. For a log of LCM messages: the time span, and for each channel the type
+    of the messages, their number, their rate per second and the number of lost messages. A log that
+    is damaged or incomplete is read as far as possible. One line names what was skipped.
     """
     if file.suffix == ".npz" or signal_recording.is_recording(file):
         found = signal_recording.read(file)

@@ -40,6 +40,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear.plant_facts import BusFacts
 from forceaxis.objects import BY_NAME
+from forceaxis.recordings.robust import quiet_of
 
 # Three signals of a recording: waveform of the excitation, DAC codes, and output signal.
 Record = tuple[Samples, Samples, Samples]
@@ -359,7 +360,7 @@ class Analyzer:
                 "expected an axis at standstill before the measurement, but the axis moves by "
                 f"{moved}",
             )
-        reading = float(np.mean(held.values("force")))
+        reading = quiet_of(held.values("force"), 1.0).zero
         band = self.objects.tare_band or self.objects.contact_force / 2
         if abs(reading) > band:
             raise Refusal(

@@ -16,6 +16,7 @@ from forceaxis.commission.known import Weight
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 from forceaxis.objects import BY_NAME, mask
+from forceaxis.recordings.robust import quiet_of
 
 REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
 # Without recordings: number of reads at rest, and time in s between two reads.
@@ -409,7 +410,7 @@ class MotionCheck:
             raw, force, current, place = np.array(rows).T
         top, zero = 2**self.known.adc_bits - 1, self.known.force_zero_code
         railed = raw.max() >= top or (raw.min() <= 0 and zero != 0)
-        code = float(np.mean(raw))
+        code = quiet_of(raw, 1.0).zero
         self._evaluate("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
                     ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
         self._scale()
@@ -424,7 +425,7 @@ class MotionCheck:
                        "in contact sees its codes", noise, DITHER_LSB)  # fmt: skip
         else:
             self._done("force at rest", "passed", text, noise, DITHER_LSB)
-        self.reading = float(np.mean(force))
+        self.reading = quiet_of(force, 1.0).zero
         newton = self.reading * self.newton
         apart = abs(self.reading) <= band
         self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} force counts "

@@ -16,6 +16,7 @@ from forceaxis import linear
 from forceaxis._core import TICKS_PER_SECOND, InputError
 from forceaxis.commission import known
 from forceaxis.linear.plant_facts import Overrides
+from forceaxis.recordings.robust import quiet_of
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
 from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, largest_of, level_of, onset_of
 
@@ -145,7 +146,7 @@ class TouchDown:
     def zero_N(self) -> float:
         """Returns the mean force before the onset, which is the zero of the sensor."""
         before = self.force.values[self.force.at < self.onset]
-        return float(before.mean()) if len(before) else 0.0
+        return quiet_of(before, self.force.step).zero if len(before) else 0.0
 
     def until(self, steps: int, begin: int = 0) -> "TouchDown":
         """Returns the touch-down shortened to its first `steps` time steps. Samples before the time
@@ -211,9 +212,10 @@ def grid_of(values: Floats) -> float:
 
 
 def noise_of(values: Floats, step: float) -> tuple[float, int]:
-    """Computes the noise of a constant signal from its rounded values. Returns the rms noise before
-    rounding, and the number of values from which it was computed. If all values are equal, the
-    noise is unknown and the number is 0."""
+    """Computes the noise of a constant signal from its rounded values, without its outliers.
+    Returns the rms noise before rounding, and the number of values from which it was computed. If
+    all values are equal, the noise is unknown and the number is 0."""
+    values = values[quiet_of(values, step).usual]
     if step == 0.0:
         return float(np.std(values, ddof=1)), len(values) - 1
     variance = float(np.var(values, ddof=1))
@@ -345,7 +347,8 @@ class _Reader:
             # The second differences of a smooth signal contain only its noise.
             noise = float(np.std(np.diff(values, 2))) / math.sqrt(6) + 1e-9 * float(np.ptp(values))
         if free > 1:
-            (noise, count), seen = noise_of(values[:free], step), float(np.std(values[:free]))
+            noise, count = noise_of(values[:free], step)
+            seen = quiet_of(values[:free], step).noise
         at = (signal.true_time_s[inside] - begin_s) * self.rate
         near = np.round(at)
         at = np.where(np.abs(at - near) < 1e-3, near, at)

@@ -40,6 +40,7 @@ from forceaxis.linear import posterior as posterior_file
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.posterior import Posterior
 from forceaxis.recordings import signal_recording
+from forceaxis.recordings.findings import spike_notes
 from forceaxis.results import to_json
 
 # A parameter is determined if its posterior spread is at most this fraction of its prior spread.
@@ -106,9 +107,9 @@ def read_recordings(order: ContactOrder) -> tuple[ContactData, tuple[ContactReco
     rows = tuple(
         ContactRecording(
             path.stem, paths.display(path), hashlib.sha256(path.read_bytes()).hexdigest(),
-            sum(own), len(own),
+            sum(own), len(own), tuple(spike_notes(recording)),
         )
-        for path, own in zip(order.recordings, samples, strict=True)
+        for path, own, (_, recording) in zip(order.recordings, samples, read, strict=True)
     )  # fmt: skip
     return data, rows
 

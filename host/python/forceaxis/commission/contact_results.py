@@ -31,13 +31,15 @@ class ContactParameter:
 
 @dataclass(frozen=True)
 class ContactRecording:
-    """A recording of touch-downs. `contacts`: number of its touch-downs that were used."""
+    """A recording of touch-downs. `contacts`: number of its touch-downs that were used. `notes`:
+    what a user has to know about its signals."""
 
     name: str
     file: str
     sha256: str
     samples: int
     contacts: int
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

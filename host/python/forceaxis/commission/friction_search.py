@@ -9,13 +9,12 @@ is computed from the DAC codes at rising and falling force, at the same measured
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from forceaxis import linear
 from forceaxis.commission import friction, friction_models, known
 from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, SWING, Analyzer
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
+from forceaxis.recordings.robust import quiet_of
 
 # The slow change of the force starts at the smallest force of the responses, times this factor.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
@@ -120,7 +119,7 @@ class FrictionSearch:
             analyzer.say(f"friction under the workpiece is not measured: {refusal.text}")
             return self._found(replace(self.found, why=f"{refusal.name}: {refusal.text}"))
         held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
-        left = float(np.mean(held)) * analyzer.newton
+        left = quiet_of(held, 1.0).zero * analyzer.newton
         rigid = known.rigid_counts(self.model, self.overrides) if self.model else 0.0
         found = replace(
             self.found, slow=friction.slow_loading(force, place, rigid), left_N=left,

@@ -26,6 +26,8 @@ from forceaxis.commission.contact_likelihood import (
 from forceaxis.commission.incident import Incident
 from forceaxis.commission.known import Prior
 from forceaxis.linear.plant_facts import Overrides
+from forceaxis.recordings.findings import spikes
+from forceaxis.recordings.robust import quiet_of, without
 
 # Standard deviation in m of the position of an axis that is homed as in its model.
 PLACE_KNOWN_M = 2e-5
@@ -175,19 +177,24 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     ticks = np.arange(incident.recording.trigger_sample + 1, dtype=float)
     force_N = incident.force_N[used]
     step = incident.force.count_N * 2.0 ** (8 - incident.force.adc_bits)
-    quiet = force_N[:FREE_TICKS_MIN]
-    limit = max(TOUCH_DEVIATIONS * float(np.std(quiet)), TOUCH_STEPS * step)
+    # A disturbance of the sensor is no contact.
+    rest_N = without(force_N, spikes("force", ticks / TICKS_PER_SECOND, force_N))
+    first = rest_N[:FREE_TICKS_MIN]
+    quiet = quiet_of(first, step)
+    limit = max(TOUCH_DEVIATIONS * quiet.noise, TOUCH_STEPS * step)
     touching = incident.force.contact_force * incident.force.count_N + limit
-    if len(force_N) < FREE_TICKS_MIN or float(quiet.max()) > touching:
+    if len(force_N) < FREE_TICKS_MIN or float(first[quiet.usual].max()) > touching:
         raise InputError(
             f"{incident.where}: expected an incident whose recording begins out of contact, got "
             f"a recording of {len(force_N)} ticks that begins with a force of {force_N[0]:.3g} N; "
             "only a recording that begins out of contact can be explained"
         )
-    touched = np.flatnonzero(np.abs(force_N - float(np.median(quiet))) > limit)
+    is_touched = np.abs(rest_N - float(np.median(first))) > limit
+    is_touched[: len(first)] &= quiet.usual
+    touched = np.flatnonzero(is_touched)
     onset = int(touched[0]) if len(touched) else len(force_N) - 1
-    noise, count = contact_data.noise_of(force_N[:onset], step)
-    force = Samples(ticks, force_N, step, noise, count, float(np.std(force_N[:onset])))
+    noise, count = contact_data.noise_of(rest_N[:onset], step)
+    force = Samples(ticks, force_N, step, noise, count, quiet_of(rest_N[:onset], step).noise)
     scale = facts.required_encoder.scale
     counts = incident.column("position")[used].astype(float)
     position = Samples(

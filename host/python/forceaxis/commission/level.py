@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.identify.measurement import Measurement
+from forceaxis.recordings.robust import quiet_of
 
 MOST_CODES = 1024
 # Longest time in s until the first contact, if the distance to the workpiece is not known.
@@ -142,9 +143,10 @@ class Level:
 def noise_of(raw: NDArray[np.int64 | np.float64], held: int = 1) -> float:
     """Returns the rms noise of a signal at standstill, in the unit of the signal. The noise is
     computed from differences of successive samples, so that a slow limit cycle between two codes
-    does not count as noise.
+    does not count as noise, and without outliers.
 
     `held`: number of ticks for which the signal keeps each sample, if a converter with a clock of
     its own is slower than the ticks. Differences are taken over this number of ticks.
     """
-    return float(np.std(raw[held:] - raw[:-held])) / math.sqrt(2)
+    steps: Samples = np.asarray(raw[held:] - raw[:-held], dtype=np.float64)
+    return quiet_of(steps, 1.0).noise / math.sqrt(2)

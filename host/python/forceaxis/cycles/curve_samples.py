@@ -19,6 +19,7 @@ recorded.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,7 @@ PHASE = "phase"
 # the curve of a part begins with the first sample of these signals and ends with the last one
 OF_CURVE = ("position", PHASE, TRACED_PHASE, TRACED_STATE)
 NO_PHASE = -1
+PAUSE_LEAST = 8  # smallest number of samples without a phase between two parts
 SAMPLES_MOST = 20_000_000  # largest number of sampling periods of a curve
 POSITION_MOST = 2**31 - 1
 # Reasons why a sample is not valid, in the order of their importance.
@@ -336,33 +338,37 @@ def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> I
     return np.asarray(values.astype(np.int64))
 
 
-def cut(curve: CurveCounts, where: str, phases: int) -> tuple[Integers, int]:
-    """Returns the samples of the cycle together with one sample before them. Also returns the
-    number of the first sample of the cycle. `phases`: number of phases of the program. Raises
-    InputError."""
+def cuts(curve: CurveCounts, where: str, phases: int) -> list[tuple[Integers, int]]:
+    """Returns, for each part of a curve, the samples of its cycle, preceded by the sample before
+    them, and the number of the first one. Several parts follow each other only in a curve that
+    names its phases. `phases`: number of phases of the program. Raises InputError."""
     rows = curve.rows
     if curve.phase is None:
-        return np.vstack([rows[:1], rows]), 0
-    inside = np.flatnonzero(curve.phase != NO_PHASE)
-    if not len(inside):
+        return [(np.vstack([rows[:1], rows]), 0)]
+    inside = runs(curve.phase != NO_PHASE).tolist()
+    if not inside:
         raise InputError(
             f"{where}: expected samples in a phase of the program, got none; check the signal of "
             "the phases"
         )
-    begin, end = int(inside[0]), int(inside[-1]) + 1
-    if end - begin != len(inside):
-        apart = inside[np.flatnonzero(np.diff(inside) > 1)[0]]
-        raise InputError(
-            f"{where}: expected the curve of one part, got samples without a phase from "
-            f"{curve.begin_s + (apart + 1) / curve.rate_hz:.6g} s on, and later samples with a "
-            "phase; cut the recording into one file for each part"
-        )
+    for (_, end), (begin, _) in pairwise(inside):
+        is_part = curve.phase[begin] == curve.phase[inside[0][0]]
+        if not is_part or begin - end < PAUSE_LEAST:
+            raise InputError(
+                f"{where}: expected the curve of one part, or several ones that begin with the "
+                f"same phase, got samples without a phase from "
+                f"{curve.begin_s + end / curve.rate_hz:.6g} s on, and later samples with a phase; "
+                "correct the phases, or cut the recording into one file for each part"
+            )
     largest = int(curve.phase.max())
     if largest >= phases:
         raise InputError(
             f"{where}: expected phases from 0 to {phases - 1}, those of the program, got "
             f"{largest}; give the program with which the part was pressed"
         )
-    before = rows[max(begin - 1, 0)].copy()
-    before[3] = 0
-    return np.vstack([before[np.newaxis], rows[begin:end]]), begin
+    found = []
+    for begin, end in inside:
+        before = rows[max(begin - 1, 0)].copy()
+        before[3] = 0
+        found.append((np.vstack([before[np.newaxis], rows[begin:end]]), begin))
+    return found

@@ -31,7 +31,8 @@ from forceaxis.cycles.teach import outcome_of
 from forceaxis.errors import ParameterError
 from forceaxis.experiments.run_result import CycleReport
 from forceaxis.experiments.summary import quantity
-from forceaxis.recordings.findings import runs
+from forceaxis.recordings.findings import runs, spike_notes
+from forceaxis.recordings.importing import Imported
 from forceaxis.recordings.signal_recording import SignalRecording
 from forceaxis.words import counted
 
@@ -43,6 +44,9 @@ SCALE_TOLERANCE = 0.01
 OFFSETS = ("force_zero_code", "force_tare")
 OPEN = (-math.inf, math.inf)
 AFTER_END = 255  # phase of the samples after the end of the cycle
+# A curve presses once more after its cycle if the force falls below the first share of the peak,
+# and rises above the second one then.
+LOW_SHARE, HIGH_SHARE = 0.1, 0.5
 # Conditions for the end of a phase that do not depend on force, travel and time alone.
 NOT_IN_A_CURVE = ("reached", "input_on", "input_off")
 OF_CONTACT = ("contact", "lost")
@@ -169,7 +173,7 @@ class JudgedPart:
     is_interpolated: bool  # True if the position was interpolated at the times of the force
     phases: list[PhaseSpan]  # times are those of the recording
     record: PartRecord
-    # notes about the import of the curve from a file of another program
+    # notes about the import of the curve from a file of another program, and about its spikes
     import_notes: list[str] = field(default_factory=list)
 
 
@@ -245,12 +249,23 @@ def _expect_contact(judge: "_core.CurveJudge", why: str) -> None:
 
 
 def judge(
-    press: JudgePress, recording: SignalRecording, where: str, number: int = 1,
-    phase: str | None = None,
-) -> JudgedPart:  # fmt: skip
-    """Evaluates a part from its recorded curve. `where`: name of the recording in messages.
-    `phase`: name of the phase of all samples if the recording names no phases, or None for the
-    phases of the program. Raises InputError, ParameterError."""
+    press: JudgePress, recording: SignalRecording, where: str, phase: str | None = None
+) -> JudgedPart:
+    """Evaluates the only part of a recorded curve, as judge_parts() does. Raises InputError,
+    ParameterError."""
+    parts = judge_parts(press, recording, where, phase)
+    if len(parts) > 1:
+        raise InputError(f"{where}: expected the curve of one part, got {len(parts)}")
+    return parts[0]
+
+
+def judge_parts(
+    press: JudgePress, recording: SignalRecording, where: str, phase: str | None = None
+) -> list[JudgedPart]:
+    """Evaluates the parts of a recorded curve. It has several ones if its phases begin again.
+    `where`: name of the recording in messages. `phase`: name of the phase of all samples if the
+    recording names no phases, or None for the phases of the program. Raises InputError,
+    ParameterError."""
     times = curve_samples.times_of(recording, where)
     press.expect_scales(recording, where)
     judge = _judge_of(press, times.rate_hz, where)
@@ -261,20 +276,40 @@ def judge(
         recording, where, times, judge, None if phase is None else phase_number(program, phase),
         press.ranges_of(recording),
     )  # fmt: skip
-    rows, begin = curve_samples.cut(curve, where, len(program.phases))
     leading = expect_followable(judge, where) if curve.phase is None else None
-    report, phases, zeroed_at = judge.judge(rows, leading)
-    defect = curve.defect[begin : begin + len(phases)]
-    ran = int(np.count_nonzero(phases != AFTER_END))
-    ticks = Ticks(curve, begin, phases[:ran].astype(np.int64), defect[:ran], zeroed_at)
-    return JudgedPart(
-        file=where,
-        rate_hz=curve.rate_hz,
-        by_program=curve.phase is None,
-        is_interpolated=curve.is_interpolated,
-        phases=_spans(ticks, program),
-        record=_record(press, program, report, ticks, Path(where).stem, number),
-    )
+    parts: list[JudgedPart] = []
+    for rows, begin in curve_samples.cuts(curve, where, len(program.phases)):
+        report, phases, zeroed_at = judge.judge(rows, leading)
+        defect = curve.defect[begin : begin + len(phases)]
+        ran = int(np.count_nonzero(phases != AFTER_END))
+        ticks = Ticks(curve, begin, phases[:ran].astype(np.int64), defect[:ran], zeroed_at)
+        notes = [] if parts else spike_notes([recording["force"], recording["position"]])
+        parts.append(
+            JudgedPart(
+                file=where,
+                rate_hz=curve.rate_hz,
+                by_program=curve.phase is None,
+                is_interpolated=curve.is_interpolated,
+                phases=_spans(ticks, program),
+                record=_record(press, program, report, ticks, Path(where).stem, len(parts) + 1),
+                import_notes=[*notes, *_later_stroke(ticks, rows[1:, 1], ran)],
+            )
+        )
+    return parts
+
+
+def _later_stroke(ticks: "Ticks", force: Integers, ran: int) -> list[str]:
+    """Returns a note if a curve presses once more after the end of its cycle. `force` (n,): force
+    of its samples. `ran`: number of the samples of the cycle."""
+    peak = int(force[:ran].max(initial=0))
+    low = ran + np.flatnonzero(force[ran:] < LOW_SHARE * peak)
+    if not len(low) or force[low[0] :].max() < HIGH_SHARE * peak:
+        return []
+    again = int(low[0]) + int(np.argmax(force[low[0] :] >= HIGH_SHARE * peak))
+    return [
+        f"the curve presses once more at {ticks.time_s(again):.6g} s, after the end of the cycle, "
+        "which is not evaluated; record the phases, or cut the recording into one for each part"
+    ]
 
 
 def _judge_of(press: JudgePress, rate_hz: float, where: str) -> "_core.CurveJudge":
@@ -388,14 +423,28 @@ def _where_invalid(found: Flags, program: Program, ticks: Ticks) -> str:
 
 
 def judge_all(
-    press: JudgePress, recordings: Iterable[tuple[str, SignalRecording]], phase: str | None = None
+    press: JudgePress, files: Iterable[tuple[str, Sequence[Imported]]], phase: str | None = None
 ) -> Judged:
-    """Evaluates the parts of several curves. `recordings`: (name in messages, recording) of each
-    part in the order in which the parts were pressed; at least one. `phase`: as for judge(). Raises
-    InputError, ParameterError."""
+    """Evaluates the parts of several files. `files`: (name in messages, recordings) of each file
+    in the order in which the parts were pressed; at least one. `phase`: as for judge_parts().
+    Raises InputError, ParameterError."""
+    parts: list[JudgedPart] = []
+    for where, recordings in files:
+        own: list[JudgedPart] = []
+        for imported in recordings:
+            found = judge_parts(press, imported.recording, where, phase)
+            notes = [*imported.notes, *found[0].import_notes]
+            own += [replace(found[0], import_notes=notes), *found[1:]]
+        if len(own) > 1:  # the parts of a file have numbers
+            own = [
+                replace(one, file=f"{where}, part {k}",
+                        record=replace(one.record, serial=f"{one.record.serial}_{k}"))
+                for k, one in enumerate(own, 1)
+            ]  # fmt: skip
+        parts += own
     parts = [
-        judge(press, recording, where, k, phase)
-        for k, (where, recording) in enumerate(recordings, 1)
+        replace(one, record=replace(one.record, number=number))
+        for number, one in enumerate(parts, 1)
     ]
     program = press.own.program()
     return Judged(

@@ -204,12 +204,12 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
     begin, end = _last_cycle(done) or (0, 0)
     if begin == end:
         return None
-    # The traced values of a tick are the values after the computation of this tick.
-    inside = slice(begin + 1, end + 1)
+    # In its first tick, the cycle begins and has its first sample.
+    inside = slice(begin, end + 1)
     converters = done.result.converters
-    # The traced phase of a tick is the phase after this tick.
-    # The phase to which a sample belongs is therefore the traced phase of the previous tick.
-    phase = done.columns["cycle_phase"][begin:end].astype(np.int64)
+    # The traced phase of a tick is the phase after this tick. The phase to which a sample belongs
+    # is therefore the traced phase of the previous tick, and that of the first one is the first.
+    phase = np.append(0, done.columns["cycle_phase"][begin:end].astype(np.int64))
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")
     force = _without_offset(program, measured[inside], phase, ended_by)
@@ -274,7 +274,6 @@ def _physical(done: runs.Run, column: str) -> Array:
 def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[PhaseSpan]:
     """Returns the phases of a press cycle in the order in which they ran."""
     pieces = _pieces(curve.phase)
-    step = 1 / _core.TICKS_PER_SECOND
     spans = []
     has_failed = False
     for i, (start, end) in enumerate(pieces):
@@ -290,7 +289,7 @@ def timeline(curve: TickCurve, program: Program, report: CycleReport) -> list[Ph
             has_failed = True
         else:
             why = "limit"
-        begin_s, end_s = float(curve.time_s[start]) - step, float(curve.time_s[end - 1])
+        begin_s, end_s = float(curve.time_s[max(start - 1, 0)]), float(curve.time_s[end - 1])
         spans.append(PhaseSpan(phase.name, round(begin_s, 9), round(end_s, 9), why))
     return spans
 

@@ -29,7 +29,7 @@ from forceaxis.experiments.prediction import (
 )
 from forceaxis.linear.posterior import ModelError
 from forceaxis.recordings import model_error, signal_recording
-from forceaxis.recordings.findings import quantum_of
+from forceaxis.recordings.findings import quantum_of, spike_notes
 from forceaxis.recordings.model_error import ErrorSize
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.touch import (
@@ -313,9 +313,10 @@ def _runs(measured: _Measured) -> list[_Run]:
         )
     if without:
         measured.notes.append(f"{without} of {request.samples} runs make no contact")
+    measured.notes.extend(spike_notes([predictor.recording["force"]]))
     late_s = float(np.median([begin for _, begin in runs])) - measured.start_s
     for finding in predictor.recording["force"].findings:
-        if finding.kind != "constant" and finding.to_s >= measured.touch_s:
+        if finding.kind not in ("constant", "spike") and finding.to_s >= measured.touch_s:
             measured.notes.append(
                 f"{finding.kind} of the force at {finding.from_s:.6g} s: {finding.text}"
             )

@@ -29,12 +29,13 @@ MONTHS = {
     )
     for name in names.split()
 }  # fmt: skip
+_DATE = r"""(?:(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})
+        |(?P<one>\d{1,2})(?P<mark>[-/.])(?P<two>\d{1,2})(?P=mark)(?P<year2>\d{4}|\d{2})
+        |(?P<day3>\d{1,2})[-\ .]+(?P<name>[A-Za-zä]{3,9})\.?[-\ ](?P<year3>\d{4}|\d{2}))"""
+_DATE_ALONE = re.compile(rf"{_DATE}$", re.VERBOSE)
 _CLOCK = re.compile(
-    r"""(?:(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})[T ,_-]+
-        |(?P<one>\d{1,2})(?P<mark>[-/.])(?P<two>\d{1,2})(?P=mark)(?P<year2>\d{4}|\d{2})[T ,_-]+
-        |(?P<day3>\d{1,2})[-\ .]+(?P<name>[A-Za-zä]{3,9})\.?[-\ ](?P<year3>\d{4}|\d{2})[T ,_-]+
-        )?
-        (?P<hour>\d{1,2}):(?P<minute>\d{2})
+    rf"""(?:{_DATE}[T ,_-]+)?"""
+    r"""(?P<hour>\d{1,2}):(?P<minute>\d{2})
         (?::(?P<second>\d{2})(?:[.,:](?P<part>\d{1,12}))?)?
         \ ?(?P<half>[AaPp]\.?[Mm]\.?)?
         \ ?(?P<zone>Z|UTC|[-+]\d{2}:?\d{2})?$""",
@@ -75,6 +76,35 @@ class Clock:
         if len(self.lines):
             return f"line {self.lines[sample]}, {self.name}"
         return f"{self.name}, sample {sample}"
+
+
+def is_date(text: str) -> bool:
+    """Returns True if a text is a date without a time."""
+    return bool(_DATE_ALONE.match(text))
+
+
+def is_time_of_day(text: str) -> bool:
+    """Returns True if a text is a clock time without a date."""
+    found = _CLOCK.match(text)
+    return found is not None and not (found["year"] or found["one"] or found["name"])
+
+
+def is_whole_second(text: str) -> bool:
+    """Returns True if a text is a clock time with seconds and without a part of a second."""
+    found = _CLOCK.match(text)
+    return found is not None and bool(found["second"]) and found["part"] is None
+
+
+def joined(times: Sequence[str], dates: Sequence[str], parts: Sequence[str]) -> list[str]:
+    """Returns the clock times of texts in several columns: times of the day, their dates, and the
+    milliseconds behind them. `dates` and `parts` may be empty. A time without its date or its
+    milliseconds is none."""
+    found = list(times)
+    if parts:
+        found = [f"{a}.{int(b):03}" if a and b else "" for a, b in zip(found, parts, strict=True)]
+    if dates:
+        found = [f"{b} {a}" if a and b else "" for a, b in zip(found, dates, strict=True)]
+    return found
 
 
 class ClockReader:

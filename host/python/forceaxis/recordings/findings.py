@@ -1,11 +1,14 @@
-"""Finds unusual intervals in a recorded signal: gaps, jumps, saturation and constant intervals."""
+"""Finds unusual intervals in a recorded signal: gaps, spikes, jumps, saturation and constant
+intervals."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forceaxis.recordings.signal_recording import Floats, SignalFinding
+from forceaxis.recordings import robust
+from forceaxis.recordings.robust import BLOCK_SAMPLES, blocks
+from forceaxis.recordings.signal_recording import Floats, SignalFinding, SignalHeader
 from forceaxis.words import counted
 
 # A distance between two samples that is above this multiple of the sampling period is a gap.
@@ -20,33 +23,57 @@ SATURATED_QUANTA = 3.0
 # Smallest length in samples of a constant interval that is reported as unusual.
 # CONSTANT_FACTOR: smallest ratio of this length to the usual length of constant intervals.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
-BLOCK_SAMPLES = 1 << 20  # samples that are searched at once
 STATE_ENDINGS = (
     "_setpoint",
     "_command",
     "code",
     "enabled",
 )  # endings of the names of signals that are constant between steps
+# endings of the names of signals that a drive may change for a single sample
+DRIVEN_ENDINGS = ("current", "torque", "voltage", "acceleration")
 
 
 def find(name: str, time_s: Floats, values: Floats) -> tuple[SignalFinding, ...]:
-    """Returns the unusual intervals of a signal: gaps, jumps, saturation and constant intervals.
-    `values` (n,): samples at the times `time_s` (n,) in s. For a set-point or a command, jumps and
-    constant intervals are usual."""
+    """Returns the unusual intervals of a signal: gaps, spikes, jumps, saturation and constant
+    intervals. `values` (n,): samples at the times `time_s` (n,) in s. For a set-point or a command,
+    everything but gaps is usual."""
     found = list(gaps(time_s))
-    if len(values) > 2 * JUMP_NEIGHBOURS and not name.endswith(STATE_ENDINGS):
-        quantum = quantum_of(values)
-        found += saturations(time_s, values, quantum)
-        found += jumps(time_s, values, quantum)
-        found += constants(time_s, values)
+    if moves(name) and len(values) > 2 * JUMP_NEIGHBOURS:
+        single = spikes(name, time_s, values)
+        found += [spike(time_s, values, *one) for one in single]
+        rest = robust.without(values, single)
+        quantum = quantum_of(rest)
+        found += saturations(name, time_s, rest, quantum)
+        found += jumps(time_s, rest, quantum)
+        found += constants(time_s, rest)
     return tuple(sorted(found, key=lambda one: one.from_s))
 
 
-def _blocks(count: int) -> Iterator[tuple[int, int]]:
-    """Yields (begin, end) of blocks of indices. A long recording is searched in blocks, so that the
-    search takes little memory."""
-    for begin in range(0, count, BLOCK_SAMPLES):
-        yield begin, min(begin + BLOCK_SAMPLES, count)
+def moves(name: str) -> bool:
+    """Returns True if a signal with this name changes as a machine does, and not in steps."""
+    return not name.endswith(STATE_ENDINGS)
+
+
+def spikes(name: str, time_s: Floats, values: Floats) -> list[tuple[int, int]]:
+    """Returns the index ranges (begin, end) of the spikes of a signal. A spike of a force that may
+    be a contact is none. A controller reacts to a contact with a single large sample, so a current
+    has no spikes."""
+    if name.endswith(DRIVEN_ENDINGS):
+        return []
+    return [
+        (begin, end) for begin, end in robust.spikes_of(values, quantum_of(values))
+        if name != "force" or not robust.is_contact(time_s, values, begin, end)
+    ]  # fmt: skip
+
+
+def spike(time_s: Floats, values: Floats, begin: int, end: int) -> SignalFinding:
+    """Returns the finding of a spike."""
+    before, after = values[begin - 1], values[end]
+    return SignalFinding(
+        "spike", float(time_s[begin]), float(time_s[end - 1]), end - begin,
+        f"{counted(end - begin, 'sample')} of {values[begin]:.6g} between {before:.6g} and "
+        f"{after:.6g}",
+    )  # fmt: skip
 
 
 def gaps(time_s: Floats) -> Iterator[SignalFinding]:
@@ -54,7 +81,7 @@ def gaps(time_s: Floats) -> Iterator[SignalFinding]:
     if len(time_s) < 3:
         return
     period = float(np.median(np.diff(time_s[:BLOCK_SAMPLES])))
-    for begin, end in _blocks(len(time_s) - 1):
+    for begin, end in blocks(len(time_s) - 1):
         steps = np.diff(time_s[begin : end + 1])
         for k in np.flatnonzero(steps > GAP_PERIODS * period):
             i, step_s = begin + int(k), float(steps[k])
@@ -65,13 +92,26 @@ def gaps(time_s: Floats) -> Iterator[SignalFinding]:
             )  # fmt: skip
 
 
+def spike_notes(signals: Iterable[SignalHeader]) -> list[str]:
+    """Returns a note about the spikes of each signal that has some."""
+    notes = []
+    for signal in signals:
+        found = [one for one in signal.findings if one.kind == "spike"]
+        if found:
+            notes.append(
+                f"{signal.name}: {counted(len(found), 'spike')}, at {found[0].from_s:.6g} s first: "
+                f"{found[0].text}"
+            )
+    return notes
+
+
 def jumps(time_s: Floats, values: Floats, quantum: float) -> Iterator[SignalFinding]:
     """Yields a finding for each step that is much larger than the steps before and after it. A lost
     count or a changed zero causes such a single step. While a contact force rises, in contrast, the
     neighbouring steps are large too."""
     wide, count = JUMP_NEIGHBOURS, len(values) - 1
     least = JUMP_SHARE * float(values.max() - values.min())
-    for begin, end in _blocks(count):
+    for begin, end in blocks(count):
         low, high = max(begin - wide, 0), min(end + wide, count)
         steps = np.abs(np.diff(values[low : high + 1]))
         around = np.pad(steps, wide, mode="edge")
@@ -88,11 +128,17 @@ def jumps(time_s: Floats, values: Floats, quantum: float) -> Iterator[SignalFind
             )  # fmt: skip
 
 
-def saturations(time_s: Floats, values: Floats, quantum: float) -> Iterator[SignalFinding]:
+def saturations(
+    name: str, time_s: Floats, values: Floats, quantum: float
+) -> Iterator[SignalFinding]:
     """Yields a finding for each interval at the largest or smallest value, if the signal both
     enters and leaves it with a steep step. A converter at an end of its range causes such an
-    interval."""
-    for end in (float(values.max()), float(values.min())):
+    interval. The value with which the signal begins is that of a machine at rest, and a force of 0
+    is that without contact."""
+    rests = [0.0] if name == "force" else []
+    if np.all(values[:SATURATED_SAMPLES] == values[0]):
+        rests.append(float(values[0]))
+    for end in {float(values.max()), float(values.min())}.difference(rests):
         found = runs(values == end)
         for a, b in found[found[:, 1] - found[:, 0] >= SATURATED_SAMPLES].tolist():
             # An interval is saturation only if the signal both enters and leaves it with a step.
@@ -138,7 +184,7 @@ def quantum_of(values: Floats) -> float:
     ordered = np.sort(values)
     noise = 1e-9 * max(abs(float(ordered[0])), abs(float(ordered[-1])), 1e-300)
     smallest = np.inf
-    for begin, end in _blocks(len(ordered) - 1):
+    for begin, end in blocks(len(ordered) - 1):
         steps = np.diff(ordered[begin : end + 1])
         smallest = min(smallest, float(np.min(steps, where=steps > noise, initial=np.inf)))
     return smallest if np.isfinite(smallest) else 0.0

@@ -67,7 +67,8 @@ class Heads:
     kind: str = "CSV"
     names: Line | None = None
     units: Line | None = None
-    count: tuple[int, Line] | None = None  # number of samples that the header states
+    # number of samples that the header states, and where it does
+    count: tuple[int, str] | None = None
     notes: list[str] = field(default_factory=list)
     refused: Line | None = None  # line with more names than the rows have fields
     unread: str = ""  # why no names were read, or ""
@@ -246,11 +247,13 @@ def _keyed_heads(
     return Heads(heads, names=keys[key][0])
 
 
-def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, Line] | None:
+def _count_of(keys: Mapping[str, tuple[Line, list[str]]]) -> tuple[int, str] | None:
     key = next((k for k in COUNTS if k in keys and keys[k][1]), None)
     text = keys[key][1][0].rpartition(":")[2].strip() if key else ""
     count = None if GROUPED.match(text) else _number(text)
-    return (round(count), keys[key][0]) if key and count and 1 < count < 1e12 else None
+    if key is None or count is None or not 1 < count < 1e12:
+        return None
+    return round(count), f"line {keys[key][0].number}"
 
 
 def _expect_decimal_points(section: Section, above: Line, width: int) -> None:
@@ -472,27 +475,41 @@ def _counts(head: Head) -> bool:
 def _add_time_of_interval(
     found: Heads, section: Section, keys: Mapping[str, tuple[Line, list[str]]]
 ) -> None:
-    """Names the column without a name whose steps are the interval that the header states, and the
-    column behind it by its source, if the header stands beside the rows."""
-    key = next((k for k in STEPS if k in keys and keys[k][1]), "")
+    """Finds the times in the column whose steps are the interval that the header states, if no
+    column of times is known, and names the column behind it by its source, if the header stands
+    beside the rows. Otherwise times that count the rows would hide that rows are missing."""
+    key = next((k for k in (*STEPS, *RATES) if k in keys and keys[k][1]), "")
     interval = _seconds(keys[key][1][0], key) if key else None
-    if found.names is not None or interval is None:
+    if interval is None or time_place_of(section, found.heads) is not None:
         return
-    for place in (k for k in section.checked if section.kinds[k] == NUMBER):
+    numbers = [k for k in section.checked if section.kinds[k] == NUMBER]
+    if found.names is not None:  # a later column with a name may be a signal that moves so slowly
+        numbers = numbers[:1]
+    for place in (k for k in numbers if not found.heads[k].unit):
         values = [section.dialect.value(row[place]) for row in section.samples if len(row) > place]
-        steps = np.diff([np.nan if value is None else value for value in values])
-        is_step = np.isclose(steps, interval, rtol=0.02, atol=0)  # rows may be missing
-        if is_step.sum() > max(2.0, 0.7 * len(steps)):
-            found.heads[place] = Head("time", "s", found.heads[place].labels)
+        if _counts_steps([np.nan if value is None else value for value in values], interval):
+            head = found.heads[place]
+            name = "time" if found.names is None else head.name
+            found.heads[place] = replace(head, name=name, unit="s", grid=None)
             found.notes.append(
                 f"the times are those of column {place + 1}, whose steps are the {key} of line "
                 f"{keys[key][0].number}"
             )
-            names = keys["source"][1] if "source" in keys and section.kinds[0] == TEXT else [""]
+            is_beside = found.names is None and section.kinds[0] == TEXT
+            names = keys["source"][1] if "source" in keys and is_beside else [""]
             if place + 1 < len(found.heads) and names[0]:
                 unit = keys["vertical units"][1][0] if "vertical units" in keys else ""
                 found.heads[place + 1] = Head(names[0], unit or None)
             return
+
+
+def _counts_steps(values: Sequence[float], interval: float) -> bool:
+    """Returns True if numbers rise by an interval from row to row, and by whole multiples of it
+    where rows are missing."""
+    steps = np.diff(values) / interval
+    is_one = np.isclose(steps, 1.0, rtol=0.02, atol=0)
+    is_whole = (steps > 0.9) & np.isclose(steps, np.round(steps), rtol=0, atol=0.1)
+    return bool(is_one.sum() > max(2.0, 0.7 * len(steps)) and is_whole.sum() >= 0.95 * len(steps))
 
 
 def time_place_of(section: Section, heads: Sequence[Head]) -> int | None:

@@ -21,7 +21,7 @@ from forceaxis.recordings.signal_recording import (
 from forceaxis.recordings.source import Source, SourceColumn
 from forceaxis.recordings.times import LEAST_SAMPLES, Times, rate_of
 from forceaxis.recordings.units import factor_of, hint_of, is_unit, si_unit_of, unit_text_of
-from forceaxis.words import suggestion
+from forceaxis.words import counted, suggestion
 
 NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 # Commas between two maps; other commas belong to the name of a column.
@@ -56,6 +56,7 @@ class ImportRequest:
     # {signal: FROM:TO}, a stretch of time in s in which the signal is 0
     zero: Mapping[str, str] = field(default_factory=dict)
     section: int | None = None  # number of the only recording to import, from 1
+    without_spikes: bool = False  # the samples of spikes are left out
 
 
 @dataclass(frozen=True)
@@ -194,11 +195,12 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
             )
         signals: list[RecordedSignal] = []
         for one, column, unit in zip(maps, columns, units, strict=True):
-            signals.append(_signal(one, column, unit, times, part, signals))
+            signal = _signal(one, column, unit, times, part)
             if one.name in zeros:
-                signals[-1] = _zeroed(signals[-1], *zeros[one.name], own)
+                signal = _zeroed(signal, *zeros[one.name], own)
             delayed = delays.get(one.name, 0.0)
-            signals[-1] = _with_findings(signals[-1], delayed)
+            signal = _with_findings(signal, delayed, request.without_spikes, own)
+            signals.append(_on_clock(signal, signals))
         used = {one.place for one in maps} | times.used
         rest = tuple(head.name for place, head in enumerate(source.heads) if place not in used)
         about = RecordingSource(path.name, source.kind, *digest, times.origin_s, rest)
@@ -214,28 +216,32 @@ def _digest(path: Path) -> tuple[str, int]:
 
 
 def _signal(
-    one: SignalMap, column: SourceColumn, unit: tuple[str, str, float], times: Times, part: slice,
-    others: Sequence[RecordedSignal],
+    one: SignalMap, column: SourceColumn, unit: tuple[str, str, float], times: Times, part: slice
 ) -> RecordedSignal:  # fmt: skip
-    """Returns the signal of a part of a column, without its findings. `others`: signals with whose
-    clock it may share its times."""
+    """Returns the signal of a part of a column, without its findings."""
     time_s, values = times.of(one.place, column, part)
     if len(values) < LEAST_SAMPLES:
         raise InputError(
             f"{times.where}: {column.name}: expected at least {LEAST_SAMPLES} samples with a "
             f"value, got {len(values)}; record for a longer time, or choose another column"
         )
-    alike = next((o for o in others if np.array_equal(o.time_s, time_s)), None)
-    clock = alike.clock if alike is not None else str(len({o.clock for o in others}))
     factor = one.sign * unit[2]
     offset = factor * one.offset
     if factor != 1 or offset:  # the values belong to this column alone
         values *= factor
         values += offset
     return RecordedSignal(
-        one.name, unit[0], column.name, unit[1], unit[2], one.sign, rate_of(time_s), 0.0, clock, (),
-        alike.time_s if alike is not None else time_s, values, offset=offset,
+        one.name, unit[0], column.name, unit[1], unit[2], one.sign, rate_of(time_s),
+        time_s=time_s, values=values, offset=offset,
     )  # fmt: skip
+
+
+def _on_clock(signal: RecordedSignal, others: Sequence[RecordedSignal]) -> RecordedSignal:
+    """Returns a signal with the times of another one that has the same, or with its own clock."""
+    alike = next((o for o in others if np.array_equal(o.time_s, signal.time_s)), None)
+    if alike is not None:
+        return replace(signal, clock=alike.clock, time_s=alike.time_s)
+    return replace(signal, clock=str(len({o.clock for o in others})))
 
 
 def _zeroed(signal: RecordedSignal, from_s: float, to_s: float, notes: list[str]) -> RecordedSignal:
@@ -255,8 +261,24 @@ def _zeroed(signal: RecordedSignal, from_s: float, to_s: float, notes: list[str]
     return replace(signal, offset=signal.offset - zero)
 
 
-def _with_findings(signal: RecordedSignal, delay_s: float) -> RecordedSignal:
+def _with_findings(
+    signal: RecordedSignal, delay_s: float, without_spikes: bool, notes: list[str]
+) -> RecordedSignal:
+    """Returns a signal with its delay and its findings, perhaps without the samples of spikes."""
     found = findings.find(signal.name, signal.time_s, signal.values)
+    spikes = [one for one in found if one.kind == "spike"]
+    if without_spikes and spikes:
+        lost = np.zeros(len(signal.values), dtype=bool)
+        for one in spikes:
+            lost |= (signal.time_s >= one.from_s) & (signal.time_s <= one.to_s)
+        notes.append(
+            f"{signal.name}: {counted(len(spikes), 'spike')} left out, which are "
+            f"{counted(int(lost.sum()), 'sample')}"
+        )
+        signal = replace(signal, time_s=signal.time_s[~lost], values=signal.values[~lost])
+        left = findings.find(signal.name, signal.time_s, signal.values)
+        spikes = [replace(one, text=f"{one.text}, left out") for one in spikes]
+        found = tuple(sorted((*left, *spikes), key=lambda one: one.from_s))
     return replace(signal, delay_s=delay_s, findings=found)
 
 

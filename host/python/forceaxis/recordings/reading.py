@@ -8,6 +8,7 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
+from forceaxis.recordings import cube_monitor
 from forceaxis.recordings.dialect import is_text
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
@@ -84,6 +85,8 @@ def read_sources(path: Path, separator: str | None = None) -> list[Source]:
     for mark, read in READERS:
         if start.startswith(mark):
             return [read(path)]
+    if cube_monitor.is_log(start):
+        return [cube_monitor.read(path)]
     for mark, kind, remedy in FOREIGN:
         if start.startswith(mark):
             raise InputError(

@@ -64,9 +64,9 @@ INPUTS = (*COMMANDS, "force_setpoint")
 
 @dataclass(frozen=True)
 class SignalFinding:
-    """A finding about one interval of one signal, such as a gap or a jump."""
+    """A finding about one interval of one signal, such as a gap or a spike."""
 
-    kind: str  #: kind of the finding: "gap", "jump", "saturation" or "constant"
+    kind: str  #: kind of the finding: "gap", "spike", "jump", "saturation" or "constant"
     from_s: float  #: time of the first sample of the stretch
     to_s: float  #: time of the last sample of the stretch
     samples: int  #: number of samples in the stretch; for a gap, of missing samples
@@ -281,6 +281,19 @@ def is_recording(path: Path | str) -> bool:
         return False
 
 
+def source_file(path: Path) -> str | None:
+    """Returns the name of the file from which a recording was imported, or None if a file is no
+    recording."""
+    if not is_recording(path):
+        return None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            source = toml.read_text(archive.read(HEADER).decode()).get("source")
+    except (OSError, zipfile.BadZipFile, UnicodeDecodeError, InputError):
+        return None
+    return str(source.get("file")) if isinstance(source, dict) else None
+
+
 def read(path: Path | str) -> SignalRecording:
     """Returns the recording in a file. Raises InputError that names the file and what was
     expected."""
@@ -300,19 +313,24 @@ def read(path: Path | str) -> SignalRecording:
         tables = header.get("signal")
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise ValueError("no tables [[signal]]")
+        times: dict[str, NDArray[np.generic]] = {}
         signals = tuple(
-            _signal(archive, table, f"{where}: signal {number}")
+            _signal(archive, times, table, f"{where}: signal {number}")
             for number, table in enumerate(tables)
         )
     source = from_json(RecordingSource, header.get("source", {}), f"{where}: source")
     return SignalRecording(str(header.get("title", "")), source, signals)
 
 
-def _signal(archive: zipfile.ZipFile, table: JsonObject, where: str) -> RecordedSignal:
-    given = [
-        files.array_of(archive, f"{name}.npy")
-        for name in (f"time_{table['clock']}", str(table["name"]))
-    ]
+def _signal(
+    archive: zipfile.ZipFile, times: dict[str, NDArray[np.generic]], table: JsonObject, where: str
+) -> RecordedSignal:
+    """Returns a signal with its samples. `times`: the times that were already read, of each
+    clock."""
+    clock = str(table["clock"])
+    if clock not in times:
+        times[clock] = files.array_of(archive, f"time_{clock}.npy")
+    given = [times[clock], files.array_of(archive, f"{table['name']}.npy")]
     if any(array.dtype.kind not in "fiub" for array in given):
         raise ValueError(f"{table['name']}: arrays of another kind than numbers")
     time_s, values = (np.asarray(array, dtype=np.float64) for array in given)

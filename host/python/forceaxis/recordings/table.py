@@ -15,10 +15,11 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.recordings import heads
+from forceaxis.recordings import clock, heads, side_header
 from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock, ClockError, ClockReader
 from forceaxis.recordings.columns import (
     CLOCK,
+    NUMBER,
     TEXT,
     Section,
     differences,
@@ -46,6 +47,9 @@ OVER_RANGE_NUMBERS = (9.9e37, 9.91e37, -9.9e37, -9.91e37)
 SURE_NAMES = ("varname", "variable", "variable name", "tag", "tagname", "tag name")
 SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name", "item", "name",
                 "parameter", "topic", "sensor", "id")  # fmt: skip
+# Names, in lower case, of a column with the milliseconds of the clock times in front of it.
+MILLISECONDS = ("ms", "msec", "msecs", "millis", "milli", "millisecond", "milliseconds",
+                "millisekunde", "millisekunden")  # fmt: skip
 # Times that are less exact in the memory than this share of their step are read exactly.
 EXACT_SHARE = 1e-3
 EXACT = Context(prec=200)  # digits of the difference of two times
@@ -269,11 +273,17 @@ class TableSource(Source):
         return InputError(f"{self.where}: line {line}, {name}: {error}; export times in s")
 
     def _text_clock(self, place: int) -> Clock:
-        samples = [row[place] for row in self._section.samples if place < len(row)]
-        reader, base_ns = ClockReader(samples), NO_TIME_NS
+        date, part = self._date_place(place), self._part_place(place)
+
+        def joined(rows: Sequence[Sequence[str]]) -> list[str]:
+            columns = [[] if k is None else _texts(rows, k) for k in (place, date, part)]
+            return clock.joined(*columns)
+
+        reader, base_ns = ClockReader(joined(self._section.samples)), NO_TIME_NS
         times_s = np.empty(self._section.rows)
         for row, count, text in self._section.texts(self._path):
-            cells = ["" if is_missing(cell) else cell for cell in self._cells(place, text)]
+            lines = text.removesuffix("\n").split("\n")
+            cells = joined([self._section.dialect.cells(line) for line in lines])
             try:
                 times_ns = reader.read(cells)
             except ClockError as error:
@@ -283,10 +293,36 @@ class TableSource(Source):
                 base_ns = int(times_ns[known][0])
             times_s[row : row + count] = np.where(known, (times_ns - base_ns) / NS_PER_S, np.nan)
         head = self.heads[place]
+        for also in (k for k in (date, part) if k is not None):
+            self._note(f"{head.name}: with {self.heads[also].name}, column {also + 1}")
         for note in reader.notes:
             self._note(f"{head.name}: {note}")
         base = Fraction(base_ns, NS_PER_S) if base_ns != NO_TIME_NS else Fraction(0)
         return Clock(head.name, "s", times_s, base, _Lines(self._section), True)
+
+    def _date_place(self, place: int) -> int | None:
+        """Returns the place of the column with the dates of clock times beside it, or None."""
+        rows = self._section.samples
+        if not all(map(clock.is_time_of_day, filter(None, _texts(rows, place)))):
+            return None
+        for beside in (place - 1, place + 1):
+            if 0 <= beside < len(self.heads) and self._section.kinds[beside] == TEXT:
+                dates = list(filter(None, _texts(rows, beside)))
+                if dates and all(map(clock.is_date, dates)):
+                    return beside
+        return None
+
+    def _part_place(self, place: int) -> int | None:
+        """Returns the place of the column with the milliseconds of clock times in front of it, or
+        None."""
+        rows, behind = self._section.samples, place + 1
+        if behind >= len(self.heads) or self._section.kinds[behind] != NUMBER:
+            return None
+        head, parts = self.heads[behind], list(filter(None, _texts(rows, behind)))
+        is_named = head.name.casefold() in MILLISECONDS or head.unit == "ms"
+        is_whole = all(part.isdecimal() and int(part) < 1000 for part in parts)
+        has_none = all(map(clock.is_whole_second, filter(None, _texts(rows, place))))
+        return behind if is_named and is_whole and has_none else None
 
     def _exact_clock(self, place: int) -> Clock:
         """Returns times with more digits than a number in the memory. The first one is subtracted
@@ -317,6 +353,11 @@ class TableSource(Source):
         ]  # fmt: skip
 
 
+def _texts(rows: Sequence[Sequence[str]], place: int) -> list[str]:
+    """Returns the fields of a column, empty where it has no value."""
+    return ["" if place >= len(row) or is_missing(row[place]) else row[place] for row in rows]
+
+
 def _is_exact(values: Floats) -> bool:
     """Returns True if the rounding of floating-point numbers is small against their median step."""
     known = values[:10_000][np.isfinite(values[:10_000])]
@@ -337,8 +378,7 @@ def _notes(section: Section, found: heads.Heads) -> list[str]:
     ]
     if found.count is not None and found.count[0] != section.rows:
         notes.append(
-            f"line {found.count[1].number} states {counted(found.count[0], 'sample')}, and not "
-            f"{section.rows}"
+            f"{found.count[1]} states {counted(found.count[0], 'sample')}, and not {section.rows}"
         )
     used = {line.number for line in (found.names, found.units) if line is not None}
     for last in section.header[-1:]:
@@ -375,11 +415,13 @@ def _empty_lines(section: Section) -> list[int]:
 def read_tables(path: Path, separator: str | None = None) -> list[Source]:
     """Returns the sections of a text table as sources. `separator`: character between the columns,
     or None to find it. Raises InputError."""
+    side_header.expect_samples(path)
     dialect = dialect_of(path, separator)
     tables: list[tuple[Section, heads.Heads]] = []
     for section in sections_of(path, dialect):
         try:
             found = heads.heads_of(section, tables[-1][1] if tables else None)
+            found = side_header.with_header(path, section, found)
         except InputError as error:
             raise InputError(f"{paths.display(path)}: {error}") from None
         if tables and found.heads == tables[-1][1].heads and _continues(*tables[-1], section):

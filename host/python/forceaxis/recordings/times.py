@@ -160,9 +160,15 @@ class Times:
         grid = self._source.heads[place].grid
         if self._request.rate is not None or grid is None:
             return _Stamps(_grid(count, 0.0, 1 / (self._request.rate or 1.0)), None)
-        self._note(f"the times are those of {grid.text}")
         if grid.counter is not None:
+            self._note(f"the times are those of {grid.text}")
             return self._counted(grid, grid.counter)
+        missing = max((self._source.count or 0) - count, 0)
+        self._note(
+            f"the times are those of {grid.text}"
+            + f"; {counted(missing, 'sample')} missing: if not at the end, all later times are too "
+            "early" * bool(missing)
+        )
         return _Stamps(_grid(count, grid.begin_s, grid.step_s), None)
 
     def _counted(self, grid: Grid, counter: int) -> _Stamps:

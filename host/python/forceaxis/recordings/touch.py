@@ -12,6 +12,7 @@ from scipy import special
 
 from forceaxis._core import InputError
 from forceaxis.recordings.findings import quantum_of
+from forceaxis.recordings.robust import DISTURBED_FACTOR, RETURN_S, quiet_of
 from forceaxis.recordings.signal_recording import Floats
 
 LEAST_BEFORE = 8  # smallest number of samples before the first contact
@@ -21,11 +22,6 @@ LEAST_BEFORE = 8  # smallest number of samples before the first contact
 # The second level is a share of the largest force, and the third one a number of smallest steps.
 FALSE_ALARM, PEAK_SHARE, QUANTA = 1e-3, 0.005, 1.5
 COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
-# A contact of one sample is followed by another contact within RETURN_S, because the axis presses.
-# A single sample without this is a disturbance of the sensor.
-# Such a sample is also a disturbance if it is more than DISTURBED_FACTOR times as large as every
-# force that two successive samples reach.
-RETURN_S, DISTURBED_FACTOR = 0.5, 10.0
 # The force begins to rise at the last sample below this multiple of the noise before a contact.
 QUIET_FACTOR = 3.0
 DEVIATION = (0.1587, 0.8413)  # shares of normal values below one deviation under and over the mean
@@ -116,8 +112,8 @@ def level_of(time_s: Floats, force: Floats, where: str) -> ForceLevel:
                 f"{len(before)}; begin the recording earlier"
             )
         # A disturbance of the sensor is no noise.
-        before = before[np.abs(before - zero) <= contact]
-        zero, noise, count = float(before.mean()), float(before.std()), len(before)
+        quiet = quiet_of(before[np.abs(before - zero) <= contact], quantum)
+        zero, noise, count = quiet.zero, quiet.noise, quiet.count
     return ForceLevel(zero, noise, contact, noises)
 
 

@@ -26,18 +26,31 @@ CUSTOMARY = {
     "ozf": (POUND_FORCE_N / 16, "N"),
     **dict.fromkeys(("klbf", "kip", "kips"), (POUND_FORCE_N * 1e3, "N")),
     "daN": (10.0, "N"),
+    "GN": (1e9, "N"),
+    "dyn": (1e-5, "N"),
     **dict.fromkeys(("inch", "inches", "in", "in.", "zoll"), (INCH_M, "m")),
     **dict.fromkeys(("mil", "mils", "thou"), (INCH_M * 1e-3, "m")),
     "dm": (0.1, "m"),
-    "ft": (12 * INCH_M, "m"),
-    **dict.fromkeys(("in/s", "inch/s", "ips"), (INCH_M, "m/s")),
-    "in/min": (INCH_M / 60, "m/s"),
+    **dict.fromkeys(("uin", "microinch", "microinches"), (INCH_M * 1e-6, "m")),
+    **dict.fromkeys(("ft", "foot", "feet"), (12 * INCH_M, "m")),
+    **dict.fromkeys(("yd", "yard"), (36 * INCH_M, "m")),
+    "pm": (1e-12, "m"),
+    "ips": (INCH_M, "m/s"),
+    "ipm": (INCH_M / 60, "m/s"),
     "h": (3600.0, "s"),
     "Ncm": (0.01, "N m"),
-    "lbf in": (POUND_FORCE_N * INCH_M, "N m"),
 }
+# The same units without regard to capital letters, as in LBF. H is no hour, and IN is an input.
+ANY_CASE = {unit.casefold(): size for unit, size in CUSTOMARY.items() if unit not in ("h", "in")}
 # Units that are often used for a force and measure something else: {unit: unit of force}
 NO_FORCES = {"kg": "kgf", "g": "gf", "t": "tf", "lb": "lbf", "lbs": "lbf", "oz": "ozf", "p": "gf"}
+# Units with several sizes: {unit in lower case: these sizes}
+AMBIGUOUS = dict.fromkeys(
+    ("tonf", "ton-force", "ton", "tons"), "9806.65N (metric), 8896.443N (short) or 9964.016N (long)"
+)
+# Two units in a product or a quotient, such as "in-lbf" or "mm/sec"
+PRODUCT = re.compile(r"^(?P<one>[A-Za-z]+)[ *.-](?P<two>[A-Za-z]+)$")
+QUOTIENT = re.compile(r"^(?P<one>[A-Za-z]+)\s?/\s?(?P<two>[A-Za-z]+)$")
 # Spellings of units: {spelling in lower case: unit}
 SPELLINGS = {
     **dict.fromkeys(
@@ -107,13 +120,33 @@ def factor_of(unit: str, wanted: str) -> float | None:
         return 1.0
     text = plain(unit)
     number = NUMBER.match(text)
-    size, measured = CUSTOMARY.get(text[number.end() :].strip() if number else text, (0.0, ""))
+    count, alone = (float(number[0]), text[number.end() :].strip()) if number else (1.0, text)
+    size, measured = CUSTOMARY.get(alone, (0.0, ""))
     found: float | None
     if measured:
-        found = size * float(number[0] if number else 1) if measured == wanted else None
+        found = count * size if measured == wanted else None
     else:
         found = _core.quantity_in(text if text[:1].isdigit() else f"1 {text}", wanted)
+        found = found or count * _composed(alone, wanted)
     return found if found and 1 / LARGEST <= found <= LARGEST else None
+
+
+def _composed(unit: str, wanted: str) -> float:
+    """Returns the size of a unit in capital letters, or of a product or a quotient of two units, in
+    the SI unit `wanted`, and 0.0 for another one."""
+    size, measured = ANY_CASE.get(unit.casefold(), (0.0, ""))
+    if measured == wanted:
+        return size
+    if wanted == "m/s" and (found := QUOTIENT.match(unit)):
+        time_s = factor_of(found["two"], "s")
+        return (factor_of(found["one"], "m") or 0.0) / time_s if time_s else 0.0
+    if wanted == "N m" and (found := PRODUCT.match(unit)):
+        for force, length in (("one", "two"), ("two", "one")):
+            name = NO_FORCES.get(found[force], found[force])  # oz-in is a torque
+            force_N, arm_m = factor_of(name, "N"), factor_of(found[length], "m")
+            if force_N and arm_m:
+                return force_N * arm_m
+    return 0.0
 
 
 def si_unit_of(unit: str) -> tuple[str, float] | None:
@@ -141,8 +174,16 @@ def unit_text_of(text: str) -> UnitText:
 
 def hint_of(unit: str, wanted: str) -> str:
     """Returns what a user can write in place of a unit that is not known."""
-    if wanted == "N" and (force := NO_FORCES.get(plain(unit))):
-        return f"{plain(unit)} measures a mass; for the weight of this mass write :{force}"
+    text = plain(unit)
+    if wanted == "N" and (force := NO_FORCES.get(text.casefold())):
+        return (
+            f"{text} measures a mass; for the weight of this mass write :{force}, which is "
+            f"{factor_of(force, 'N'):.6g} N"
+        )
+    if wanted == "N" and (sizes := AMBIGUOUS.get(text.casefold())):
+        return f"{text} has several sizes; write the one that is meant: {sizes}"
+    if text != text.casefold() and factor_of(text.casefold(), wanted):
+        return f"write :{text.casefold()} if this unit is meant, otherwise its size"
     size = {"N": "9.80665N", "m": "25.4mm"}.get(wanted, f"0.5{wanted}")
     return f"for another unit or a count write its size, such as :{size}"
 
