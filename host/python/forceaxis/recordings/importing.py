@@ -182,7 +182,8 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
     times = Times(source, request, notes, {one.place for one in maps})
     columns = [source.column(one.place) for one in maps]
     units = [_unit_of(*pair, source, notes) for pair in zip(maps, columns, strict=True)]
-    parts = times.parts([one.place for one in maps], len(columns[0].values))
+    longest = max(len(column.values) for column in columns)
+    parts = times.parts([one.place for one in maps], longest)
     digest = _digest(path)
     found = []
     for number, part in enumerate(parts, 1):

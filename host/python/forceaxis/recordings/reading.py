@@ -2,54 +2,64 @@
 selected by its content."""
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
 from forceaxis.recordings.dialect import is_text
+from forceaxis.recordings.mdf import UNFINISHED, read_mdf
 from forceaxis.recordings.signal_recording import is_recording
 from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
 from forceaxis.recordings.table import read_tables
+from forceaxis.recordings.tdms import read_tdms
+from forceaxis.recordings.workbook import read_workbook
 
 # suffixes of files that contain a table of numbers, such as CSV
 TABLES = (".csv", ".tsv", ".txt", ".parquet")
 LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
 
-def _read_archive(path: Path) -> Source:
-    """Reads a ZIP archive, if it is one of arrays. Raises InputError."""
+def _read_archive(path: Path) -> list[Source]:
+    """Reads a ZIP archive, if it is a workbook or one of arrays. Raises InputError."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
+            size = sum(info.file_size for info in archive.infolist())
     except (OSError, zipfile.BadZipFile, NotImplementedError):
-        names = []  # the reader of arrays says what is wrong
-    if "[Content_Types].xml" in names or any(n.startswith(("xl/", "content.xml")) for n in names):
+        names, size = [], 0  # the reader of arrays says what is wrong
+    if "[Content_Types].xml" in names and any(name.startswith("xl/") for name in names):
+        files.expect_unpacked(path, size)
+        return read_workbook(path)
+    if "[Content_Types].xml" in names or "content.xml" in names:
         raise InputError(
-            f"{paths.display(path)}: expected a text table or arrays, got a workbook; save the "
-            "sheet with the data as CSV in the program that made it"
+            f"{paths.display(path)}: expected a text table, arrays or a workbook (xlsx), got "
+            "another document; save the sheet with the data as xlsx or CSV"
         )
     if names and not any(name.endswith(".npy") for name in names):
         raise InputError(
             f"{paths.display(path)}: expected a text table or arrays, got a ZIP archive with "
             f"{names[0]}; unpack it, and import the file inside"
         )
-    return read_npz(path)
+    return [read_npz(path)]
 
 
 # (first bytes of a file, function that reads such a file)
-READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+READERS: tuple[tuple[bytes, Callable[[Path], Sequence[Source]]], ...] = (
     (b"PK", _read_archive),
-    (b"PAR1", read_parquet),
-    (MCAP_MAGIC, read_messages),
-    (LCM_MARK, read_messages),
+    (b"PAR1", lambda path: [read_parquet(path)]),
+    (MCAP_MAGIC, lambda path: [read_messages(path)]),
+    (LCM_MARK, lambda path: [read_messages(path)]),
+    (b"TDSm", lambda path: [read_tdms(path)]),
+    (b"MDF     ", lambda path: [read_mdf(path)]),
+    (UNFINISHED, lambda path: [read_mdf(path)]),
 )
+KINDS = "a file of the kind CSV, xlsx, NPZ, Parquet, TDMS, MDF, MCAP, LCM log, CAN log or incident"
 # (first bytes of a file, kind of the file, what a user can do with it)
 FOREIGN = (
-    (b"TDSm", "a TDMS file of LabVIEW", "export it as text (LVM) or CSV in LabVIEW or DIAdem"),
-    (b"MDF     ", "a measurement file (MDF)", "export it as CSV, such as with asammdf"),
-    (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save the sheet with the data as CSV"),
+    (b"TDSh", "the index of a TDMS file of LabVIEW", "import the TDMS file beside it"),
+    (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save it as xlsx or CSV"),
 )
 
 
@@ -83,17 +93,14 @@ def read_sources(path: Path, separator: str | None = None) -> list[Source]:
         )
     for mark, read in READERS:
         if start.startswith(mark):
-            return [read(path)]
+            return [*read(path)]
     for mark, kind, remedy in FOREIGN:
         if start.startswith(mark):
-            raise InputError(
-                f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or "
-                f"incident, got {kind}; {remedy}"
-            )
+            raise InputError(f"{where}: expected {KINDS}, got {kind}; {remedy}")
     if not is_text(start[:64]):
         raise InputError(
-            f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or incident, "
-            "got other binary data; export the data as one of these kinds"
+            f"{where}: expected {KINDS}, got other binary data; export the data as one of these "
+            "kinds"
         )
     return read_tables(path, separator)
 

@@ -5,6 +5,7 @@ import abc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -92,6 +93,7 @@ class Source(abc.ABC):
     notes: list[str]
     count: int | None = None  # number of samples of a recording that the source states
     unread: str = ""  # why the columns have no names, or ""
+    is_whole = False  # True: its times begin once, whatever numbers its columns have
 
     @abc.abstractmethod
     def column(self, place: int) -> SourceColumn:
@@ -170,26 +172,18 @@ def time_by_name(names: Sequence[str]) -> int | None:
 
 
 class ArraySource(Source):
-    """A source of recordings that consists of arrays, from an NPZ file, a Parquet file or messages.
-    `times`: {column: column with its times}."""
+    """A source of recordings that consists of arrays. `arrays`: a function for each of the heads,
+    which reads the array of the column from the file. It may raise InputError."""
 
     def __init__(
-        self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
-        units: Mapping[str, str] | None = None,
+        self, path: Path, kind: str, heads: Sequence[Head],
+        arrays: Sequence[Callable[[], NDArray[np.generic]]],
     ) -> None:  # fmt: skip
-        self.where, self.kind, self.notes = paths.display(path), kind, []
-        self._table = list(table.values())
-        places = {name: place for place, name in enumerate(table)}
-        self.heads = [
-            Head(
-                name, (units or {}).get(name) or split_name(name.rpartition("/")[2])[1], (),
-                places.get((times or {}).get(name, "")),
-            )
-            for name in table
-        ]  # fmt: skip
+        self.where, self.kind, self.heads, self.notes = paths.display(path), kind, heads, []
+        self._arrays = arrays
 
     def _array(self, place: int) -> NDArray[np.generic]:
-        given, name = np.asarray(self._table[place]), self.heads[place].name
+        given, name = np.asarray(self._arrays[place]()), self.heads[place].name
         if given.ndim != 1 or given.dtype.kind not in "iufbM":
             raise InputError(
                 f"{self.where}: {name}: expected an array of numbers in one dimension, got "
@@ -228,6 +222,23 @@ class ArraySource(Source):
         return Clock(head.name, head.unit, self.column(place).values)
 
 
+def array_source(
+    path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> ArraySource:  # fmt: skip
+    """Returns arrays in the memory as a source. `times`: {column: column with its times}. `units`:
+    {column: unit}; other units are those at the ends of the names."""
+    places = {name: place for place, name in enumerate(table)}
+    heads = [
+        Head(
+            name, (units or {}).get(name) or split_name(name.rpartition("/")[2])[1], (),
+            places.get((times or {}).get(name, "")),
+        )
+        for name in table
+    ]  # fmt: skip
+    return ArraySource(path, kind, heads, [partial(np.asarray, array) for array in table.values()])
+
+
 def expect_finite(
     where: str, column: SourceColumn, largest: float = LARGEST_NUMBER
 ) -> SourceColumn:
@@ -248,7 +259,7 @@ def read_npz(path: Path) -> Source:
     """Returns the arrays of an NPZ file as a source. Raises InputError."""
     expected = "an NPZ file with arrays of numbers"
     table = files.read_arrays(path, expected, "write the arrays with numpy.savez")
-    return ArraySource(path, "NPZ", table)
+    return array_source(path, "NPZ", table)
 
 
 def read_parquet(path: Path) -> Source:
@@ -270,7 +281,7 @@ def read_parquet(path: Path) -> Source:
             for field in found.schema
             if field.metadata and b"unit" in field.metadata
         }
-    return ArraySource(path, "Parquet", table, units=units)
+    return array_source(path, "Parquet", table, units=units)
 
 
 def read_messages(path: Path) -> Source:
@@ -302,7 +313,7 @@ def read_messages(path: Path) -> Source:
             if values.dtype.kind in "iufb":
                 found[f"{channel}/{name}"] = values
                 times[f"{channel}/{name}"] = f"{channel}/{time}"
-    return ArraySource(path, kind, found, times)
+    return array_source(path, kind, found, times)
 
 
 def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:

@@ -112,7 +112,7 @@ class Times:
 
     def parts(self, places: list[int], count: int) -> list[slice]:
         """Returns the rows of each recording in the source: the times restart between them.
-        `places`: columns that are asked for. `count`: number of rows."""
+        `places`: columns that are asked for. `count`: number of rows of the longest of them."""
         whole = [slice(0, count)]
         clocks = {self._place(place) for place in places}
         if len(clocks) != 1:
@@ -141,6 +141,8 @@ class Times:
     def _index(self, places: list[int], count: int) -> Floats | None:
         """Returns the numbers of the column of the times, or of the first one, if it counts the
         samples in equal steps. `places`: columns that are signals."""
+        if self._source.is_whole:
+            return None
         place = self._source.time_place() or 0
         try:
             values = self._source.clock(place).values
