@@ -10,8 +10,9 @@ from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
 from forceaxis.recordings.dialect import is_text
 from forceaxis.recordings.mdf import UNFINISHED, read_mdf
+from forceaxis.recordings.messages import read_messages
 from forceaxis.recordings.signal_recording import is_recording
-from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
+from forceaxis.recordings.source import Source, read_npz, read_parquet
 from forceaxis.recordings.table import read_tables
 from forceaxis.recordings.tdms import read_tdms
 from forceaxis.recordings.workbook import read_workbook

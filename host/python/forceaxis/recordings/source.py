@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 
 from forceaxis import files, paths
 from forceaxis._core import InputError
-from forceaxis.bus import log_tables
-from forceaxis.bus.message_rows import Row
-from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
 from forceaxis.errors import ParameterError
 from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock
 from forceaxis.recordings.signal_recording import Floats
@@ -107,15 +104,20 @@ class Source(abc.ABC):
         """Returns the names of the columns of the source, without units."""
         return [head.name for head in self.heads]
 
-    def find(self, text: str, parameter: str) -> int:
+    def find(self, text: str, parameter: str, near: int | None = None) -> int:
         """Returns the place of the column that a user means. The user writes one of its names, the
-        end of a name after "/" or ".", or the number of the column from 1, also as #1. Raises
+        end of a name after "/" or ".", or the number of the column from 1, also as #1. `near`:
+        place of a column whose group, the name before "/", comes first, or None. Raises
         InputError."""
         number = int(text.lstrip("#")) if text.lstrip("#").isdecimal() else 0
         number = number if 1 <= number <= len(self.heads) else 0
         if text.startswith("#") and number:
             return number - 1
         named = self._named(text)
+        if near is not None and len(named) > 1:
+            group = self.heads[near].name.rpartition("/")[0]
+            inside = [k for k in named if self.heads[k].name.rpartition("/")[0] == group]
+            named = inside if len(inside) == 1 else named
         if len(named) > 1:
             several = ", ".join(f"#{place + 1} {self.heads[place].name}" for place in named)
             raise ParameterError(
@@ -282,77 +284,3 @@ def read_parquet(path: Path) -> Source:
             if field.metadata and b"unit" in field.metadata
         }
     return array_source(path, "Parquet", table, units=units)
-
-
-def read_messages(path: Path) -> Source:
-    """Returns the messages in an LCM log or an MCAP file as a source of recordings, with columns
-    CHANNEL/field. The messages in an MCAP file are messages of forceaxis or JSON. Raises
-    InputError."""
-    with path.open("rb") as file:
-        is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-    kind = "MCAP" if is_mcap else "LCM log"
-    tables, others, damage = log_tables.tables_of(reader_of(path))
-    if not tables and is_mcap:
-        tables, others, damage = _json_tables(path)
-    where = paths.display(path)
-    if damage:
-        raise InputError(
-            f"{damage}; expected a complete file; `convert_log` writes the complete messages to a "
-            "new file"
-        )
-    if not tables:
-        raise InputError(
-            f"{where}: expected messages of forceaxis{' or in JSON' * is_mcap}, got "
-            + (f"only those of {', '.join(others)}" if others else "no message")
-            + "; export the data as CSV or Parquet"
-        )
-    found, times = {}, {}
-    for channel, columns in tables.items():
-        time = next((n for n in (*TIME_NAMES, "utime_us", "received_wall_us") if n in columns), "")
-        for name, values in columns.items():
-            if values.dtype.kind in "iufb":
-                found[f"{channel}/{name}"] = values
-                times[f"{channel}/{name}"] = f"{channel}/{time}"
-    return array_source(path, kind, found, times)
-
-
-def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
-    """Reads the JSON messages of an MCAP file. Returns (tables, topics, damage). `tables`: {topic:
-    {field: values}} with all numbers. `topics`: topics with messages in other encodings. `damage`:
-    one text line about damage of the file, or None."""
-    from forceaxis.bus.mcap_file import McapReader
-
-    rows: dict[str, list[Row]] = {}
-    others: dict[str, None] = {}
-    reader = McapReader(path)
-    for channel, message in reader.messages():
-        if channel.message_encoding != "json":
-            others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
-            continue
-        with files.parsing(path, f"messages in JSON on {channel.topic}", "export the data as CSV"):
-            row: Row = dict(_numbers("", files.json_of(message.data, has_constants=True)))
-        row["time_s"] = message.log_time * 1e-9
-        rows.setdefault(channel.topic, []).append(row)
-    tables: dict[str, log_tables.Table] = {}
-    for topic, own in rows.items():
-        columns = log_tables.Columns()
-        for row in sorted(own, key=lambda row: float(row["time_s"] or 0.0)):
-            columns.add(row)
-        tables[topic] = columns.arrays()
-    return tables, list(others), reader.damage
-
-
-def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
-    """Returns the numbers in a JSON value as [(name, number)], such as ("wrench.force.z", 1.5)."""
-    if isinstance(value, bool | int | float):
-        return [(prefix or "value", float(value))]
-    items: Sequence[tuple[object, object]] = []
-    if isinstance(value, dict):
-        items = list(value.items())
-    elif isinstance(value, list):
-        items = list(enumerate(value))
-    return [
-        pair
-        for key, inner in items
-        for pair in _numbers(f"{prefix}.{key}" if prefix else str(key), inner)
-    ]
