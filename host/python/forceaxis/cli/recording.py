@@ -15,6 +15,7 @@ from forceaxis.cli.common import (
     print_result,
 )
 from forceaxis.recordings import signal_recording
+from forceaxis.recordings.can_names import Names
 from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
 from forceaxis.recordings.reading import read_sources
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
@@ -44,13 +45,14 @@ def recording() -> None:
     """
 
 
-def sources_of(file: Path, separator: str | None) -> list[Source]:
-    """Return the readers for a file of any supported kind, one for each of its sections."""
+def sources_of(file: Path, separator: str | None, names: Names | None = None) -> list[Source]:
+    """Return the readers for a file of any supported kind, one for each of its sections. `names`:
+    names and scales of the frames of a CAN log."""
     from forceaxis.commission import incident
 
     if incident.is_incident(file):
         return [incident.source_of(incident.load(file), file)]
-    return read_sources(file, separator)
+    return read_sources(file, separator, names)
 
 
 @recording.command(
@@ -82,6 +84,14 @@ def sources_of(file: Path, separator: str | None) -> list[Source]:
     "--section", type=int, help="Number of the only recording to import from FILE. Default: all."
 )
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
+@click.option(
+    "--dbc", multiple=True, metavar="FILE",
+    help="Names and scales of the frames of a CAN log. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--eds", multiple=True, metavar="[NODE=]FILE",
+    help="EDS or DCF of a node, whose PDOs name the frames of a CAN log. Repeatable.",
+)  # fmt: skip
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
     "--out",
@@ -99,6 +109,8 @@ def import_(
     zeros: tuple[str, ...],
     section: int | None,
     separator: str | None,
+    dbc: tuple[str, ...],
+    eds: tuple[str, ...],
     title: str,
     out: Path,
     as_json: bool,
@@ -119,7 +131,7 @@ def import_(
     )
     texts = [text for given in maps for text in maps_of(given)]
     request = ImportRequest(texts, time, rate, pairs, title, stretches, section)
-    found = import_sources(sources_of(file, separator), file, request)
+    found = import_sources(sources_of(file, separator, Names(dbc, eds)), file, request)
     name, facts = signal_recording.with_suffix(out), list[JsonObject]()
     command = click.get_current_context().command
     for number, imported in enumerate(found, 1):

@@ -8,6 +8,9 @@ from pathlib import Path
 from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
+from forceaxis.errors import ParameterError
+from forceaxis.recordings import can_log
+from forceaxis.recordings.can_names import Names, source_of
 from forceaxis.recordings.dialect import is_text
 from forceaxis.recordings.mdf import UNFINISHED, read_mdf
 from forceaxis.recordings.messages import read_messages
@@ -78,13 +81,16 @@ def expect_log(path: Path) -> None:
         )
 
 
-def read_sources(path: Path, separator: str | None = None) -> list[Source]:
+def read_sources(
+    path: Path, separator: str | None = None, names: Names | None = None
+) -> list[Source]:
     """Reads a file as sources of recordings, one for each section of a text table. The content of
     the file selects the kind of source. `separator`: character between the columns of a CSV file,
-    or None to find it. Raises InputError, OSError."""
+    or None to find it. `names`: names and scales of the frames of a CAN log. Raises InputError,
+    OSError."""
     where = paths.display(path)
     with path.open("rb") as file:
-        start = file.read(256)
+        start = file.read(can_log.HEAD_BYTES)
     if not start:
         raise InputError(f"{where}: expected a file with data, got an empty file; record again")
     if is_recording(path):
@@ -92,6 +98,14 @@ def read_sources(path: Path, separator: str | None = None) -> list[Source]:
             f"{where}: expected a file of another program, got a recording that was already "
             "imported; use this file without importing it"
         )
+    if read_log := can_log.reader_of(start):
+        can_log.expect_readers(path)
+        return [source_of(read_log(path), names or Names())]
+    if names:
+        raise ParameterError(
+            names.parameter, f"expected a log of candump, Vector or PEAK for it, got {where}; "
+            "remove it, or give such a log"
+        )  # fmt: skip
     for mark, read in READERS:
         if start.startswith(mark):
             return [*read(path)]
