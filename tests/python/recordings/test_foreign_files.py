@@ -68,7 +68,7 @@ def test_a_table_of_a_workbook_has_the_names_and_units_above_it(tmp_path):
     expect(found["force"], FORCE_N)
     expect(found["position"], 1e-3 * TRAVEL_MM)
     assert "sheet Curve: 60 rows in lines 5 to 64, names of line 3, units of line 4" in said
-    assert "sheet Setup" in said and "sheet Notes: no rows of numbers" in said
+    assert "sheet Setup" in said and "sheet Notes: expected rows of numbers, got none" in said
     assert found.source.file == "press.xlsx" and found.source.bytes == file.stat().st_size
 
 

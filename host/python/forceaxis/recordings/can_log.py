@@ -33,7 +33,8 @@ ASC_START = re.compile(r"(date\s+\w|base\s+(hex|dec)\b)", re.IGNORECASE)
 TRC_START = re.compile(r";\s*(\$FILEVERSION=|Start time:)")
 # A frame in a line of asc, and one that was only requested
 ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+[0-9A-Fa-f]+x?|CANFD\s+\d+)\s.*?\b(Rx|Tx|TxRq)\b")
-IS_EXTENDED, IS_ERROR = 0x80000000, 0x20000000
+IS_ERROR = 0x20000000  # bit of the identifier that candump shows for an error frame
+LATEST_NS = 1 << 62
 EXTENDED_DIGITS = 8
 FALLS_SHARE = 0.1  # above this share of falling times, the times are differences
 
@@ -103,6 +104,14 @@ def _lines(path: Path) -> Iterator[str]:
         yield from file
 
 
+def _note_end(log: CanLog) -> None:
+    """Notes that the last line of a text log has no end."""
+    with log.path.open("rb") as file:
+        file.seek(-1, 2)
+        if file.read() != b"\n":
+            log.notes.append("the last line has no line end; the file may be cut off")
+
+
 def _read_candump(path: Path) -> CanLog:
     """Reads the text of candump. Raises InputError."""
     log = CanLog(path, "log of candump")
@@ -127,6 +136,7 @@ def _read_candump(path: Path) -> CanLog:
             left["remote frame"] += 1
         else:
             log.add(key, time_ns, data)
+    _note_end(log)
     log.has_times = timed > 0
     if 0 < timed < count or falls > FALLS_SHARE * count:
         raise InputError(
@@ -158,9 +168,10 @@ def _time_ns(text: str | None, clock: ClockReader, where: str) -> int:
     if text is None:
         return NO_TIME_NS
     try:
-        if ":" in text:
-            return clock.time_ns(0, text)
-        return int(Decimal(text) * NS_PER_S)
+        time_ns = clock.time_ns(0, text) if ":" in text else int(Decimal(text) * NS_PER_S)
+        if abs(time_ns) >= LATEST_NS:
+            raise ArithmeticError
+        return time_ns
     except (ClockError, ArithmeticError):
         raise InputError(f"{where}: expected a time of candump, got {text[:40]!r}") from None
 
@@ -214,6 +225,7 @@ def _read_asc(path: Path) -> CanLog:
             return [] if found[2] == "TxRq" else [line]
         return [line]
 
+    _note_end(log)
     taken = _take(log, ASCReader(cast(TextIO, _Lines(path, change))), 1)
     if requests:
         log.notes.append(f"{counted(requests, 'request')} to send (TxRq) left out")
@@ -232,6 +244,7 @@ def _read_trc(path: Path) -> CanLog:
         # Times after the start keep more digits than times since 1970.
         return [] if line.startswith(";$STARTTIME") else [line]
 
+    _note_end(log)
     _take(log, TRCReader(cast(TextIO, _Lines(path, change))), 0)
     return log
 

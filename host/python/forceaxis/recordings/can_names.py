@@ -194,7 +194,8 @@ def _of_eds(text: str, log: CanLog) -> list["Message"]:
     expect_package(paths.display(file), "canopen", "canopen", "can")
     from canopen.objectdictionary.eds import import_eds
 
-    with files.parsing(file, "the objects of a node (EDS or DCF)", "give another file"):
+    wrong = files.parsing(file, "the objects of a node (EDS or DCF)", "give another file")
+    with wrong, files.remarks("canopen"):
         content = file.read_bytes()
         try:
             lines = content.decode("utf-8-sig")

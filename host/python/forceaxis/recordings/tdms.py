@@ -2,6 +2,7 @@
 
 import logging
 import math
+import struct
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ UNITS = ("unit_string", "NI_UnitDescription")  # properties with the unit of a c
 STEP, OFFSET, START, STEP_UNIT = (
     "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string",
 )  # fmt: skip
+LEAD_BYTES = 28  # of the head of a segment, with the length of the rest
 FIRST_START = np.datetime64("1971-01-01")  # an earlier one means that nobody has set it
 REMEDY = "export it as CSV in LabVIEW or DIAdem"
 
@@ -44,12 +46,24 @@ def read_tdms(path: Path) -> Source:
             for group in groups
             for head in _heads(group, channels.index(group[0]) if group else 0, begins_s)
         ]
-        if file.file_status.incomplete_final_segment:
-            remarks.append("the file was not completely written, so samples at its end may be lost")
+        if file.file_status.incomplete_final_segment or _rest(path):
+            remarks.append("its last segment is not complete, so samples may be lost")
     source = ArraySource(path, "TDMS", heads, [partial(_array, path, one) for one in channels])
     source.is_whole = True
-    source.notes += remarks
+    source.notes += [f"damaged or cut off: {remark}" for remark in remarks]
     return source
+
+
+def _rest(path: Path) -> int:
+    """Returns the number of bytes behind the last complete head of a segment, of which the library
+    says nothing."""
+    begin, size = 0, path.stat().st_size
+    with path.open("rb") as file:
+        while size - begin >= LEAD_BYTES:
+            file.seek(begin)
+            length = struct.unpack("<4s2IQQ", file.read(LEAD_BYTES))[3]
+            begin += LEAD_BYTES + length
+    return max(size - begin, 0)
 
 
 def _array(path: Path, channel: Any) -> NDArray[np.generic]:

@@ -4,14 +4,14 @@ known, and is read by the rules of text tables: a row of the sheet is the line w
 import datetime
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.errors import expect_package
 from forceaxis.recordings.dialect import Dialect
 from forceaxis.recordings.source import Source
-from forceaxis.recordings.table import tables_in
+from forceaxis.recordings.table import TableSource, tables_in
 
 DIALECT = Dialect("utf-8", "\t", ".")
 MOST_ROWS, MOST_COLUMNS = 1 << 20, 1 << 14  # of a sheet, by the format
@@ -26,8 +26,8 @@ def read_workbook(path: Path) -> list[Source]:
     expect_package(paths.display(path), "openpyxl", "openpyxl", "xlsx")
     import openpyxl
 
-    sources: list[Source] = []
-    errors: list[tuple[str, InputError]] = []
+    sources: list[TableSource] = []
+    errors: list[InputError] = []
     with (
         files.parsing(path, "a workbook (xlsx)", "save it again, or save the sheet as CSV"),
         path.open("rb") as stream,
@@ -37,31 +37,33 @@ def read_workbook(path: Path) -> list[Source]:
             try:
                 sources += _sheet(sheet, f"{paths.display(path)}: sheet {sheet.title}")
             except InputError as error:
-                errors.append((sheet.title, error))
+                errors.append(error)
     if not sources:
         raise (
-            errors[0][1]
+            errors[0]
             if errors
             else InputError(f"{paths.display(path)}: expected a sheet, got none")
         )
     for source in sources:
-        source.notes += [f"sheet {title}: no rows of numbers" for title, _ in errors]
-    return sources
+        source.notes += [f"not imported: {error}" for error in errors]
+        source.unread = "; ".join([*filter(None, [source.unread]), *map(str, errors)])
+    return [*sources]
 
 
-def _sheet(sheet: Any, where: str) -> list[Source]:
+def _sheet(sheet: Any, where: str) -> list[TableSource]:
     """Returns the sections of rows in a sheet of openpyxl. `where`: its name in messages. Raises
     InputError."""
-    text = tempfile.NamedTemporaryFile("w", encoding="utf-8", newline="", suffix=".tsv")  # noqa: SIM115
-    has_times = False
+    text: IO[str] = tempfile.NamedTemporaryFile("w+", encoding="utf-8", newline="\n", suffix=".tsv")  # noqa: SIM115
+    has_times, widths = False, set[int]()
     sheet.reset_dimensions()  # some programs state wrong ones
     for number, cells in enumerate(sheet.iter_rows(min_row=1, min_col=1, values_only=True), 1):
         if number > MOST_ROWS or len(cells) > MOST_COLUMNS:
             raise ValueError(f"more than {MOST_ROWS} rows or {MOST_COLUMNS} columns")
-        has_times = has_times or any(
-            isinstance(cell, datetime.time | datetime.datetime) for cell in cells
-        )
+        has_times |= any(isinstance(cell, datetime.time | datetime.datetime) for cell in cells)
+        widths.add(len(cells))
         text.write("\t".join(map(_field, cells)) + "\n")
+    if len(widths) > 1:  # a row ends at its last cell with a value
+        text = _filled(text, max(widths))
     text.flush()
     found = tables_in(Path(text.name), DIALECT, where)
     for source in found:
@@ -69,7 +71,16 @@ def _sheet(sheet: Any, where: str) -> list[Source]:
         source.notes[0] = f"sheet {sheet.title}: {source.notes[0]}"
         if has_times:
             source.notes.append("clock times and dates of cells are those of the sheet to 1 ms")
-    return [*found]
+    return found
+
+
+def _filled(text: IO[str], width: int) -> IO[str]:
+    """Returns a text table in which each row has `width` fields."""
+    filled = tempfile.NamedTemporaryFile("w+", encoding="utf-8", newline="\n", suffix=".tsv")  # noqa: SIM115
+    text.seek(0)
+    for line in text:
+        filled.write(line[:-1] + "\t" * (width - 1 - line.count("\t")) + "\n")
+    return filled
 
 
 def _field(cell: object) -> str:
