@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import foreign_files
 import hostile_files as hostile
 import incident_study
 import numpy as np
@@ -40,8 +41,9 @@ from forceaxis.experiments import inputs, runner
 from forceaxis.identify import columns, fit, setup
 from forceaxis.linear import posterior
 from forceaxis.recordings import signal_recording
-from forceaxis.recordings.importing import ImportRequest, import_source
-from forceaxis.recordings.reading import read_source
+from forceaxis.recordings.can_names import Names
+from forceaxis.recordings.importing import ImportRequest, import_source, import_sources
+from forceaxis.recordings.reading import read_source, read_sources
 from forceaxis.recordings.touch import level_of
 from forceaxis.results import to_json
 from mcap.writer import CompressionType, Writer
@@ -184,6 +186,43 @@ def hex_text(data):
         line = bytes([16, at >> 8, at & 255, 0]) + data[at : at + 16]
         lines.append(f":{line.hex()}{-sum(line) & 255:02x}".upper())
     return "\n".join([*lines, ":00000001FF", ""]).encode()
+
+
+def foreign(folder):
+    """The formats of other programs that are no tables, and the files that name CAN frames."""
+    known = foreign_files.drawn(1)[2]
+    made = {name: make(known, random.Random(1)) for name, make in foreign_files.MAKERS.items()}
+    (folder / "names.dbc").write_text(foreign_files.DBC)
+    (folder / "frames.log").write_bytes(made["log.log"].data)
+    dbc = Names(dbc=(str(folder / "names.dbc"),))
+    covers = {
+        "press.xlsx": ("recordings.workbook:read_workbook",),
+        "press.tdms": ("recordings.tdms:read_tdms", "recordings.tdms:_rest"),
+        "press.mf4": ("recordings.mdf:read_mdf",),
+        "log.log": ("recordings.can_log:_note_end",),
+    }
+
+    def damage(name):
+        return lambda data, rng: foreign_files.damaged(name, data, rng, hostile.of_bytes)
+
+    def import_as(path, names, maps):
+        import_sources(read_sources(path, names=names), path, ImportRequest(maps))
+
+    def reader(name):
+        maps = ["x=Force", "y=#3:1"] if name.startswith("log.") else made[name].maps
+        return lambda p: import_as(p, dbc if name.startswith("log.") else None, maps)
+
+    def named(path):
+        import_as(folder / "frames.log", Names(**{path.suffix[1:]: (str(path),)}), ["x=Force:1"])
+
+    return [
+        *(
+            Format(name, one.data, damage(name), bytes, reader(name), covers.get(name, ()))
+            for name, one in made.items()
+        ),
+        text("drive.eds", foreign_files.eds(), named, "recordings.can_names:_of_eds"),
+        text("bus.dbc", foreign_files.DBC, named),
+    ]
 
 
 def elf_bytes():
@@ -449,11 +488,12 @@ def formats(tmp_path_factory):
             (
                 "bus.mcap_file:McapReader.messages",
                 "bus.recordings:reader_of",
-                "recordings.source:read_messages",
-                "recordings.source:_json_tables",
+                "recordings.messages:read_messages",
+                "recordings.messages:_decoder",
                 "recordings.reading:read_sources",
             ),
         ),
+        *foreign(folder),
         Format("log.lcm", messages, of_log, log_bytes, converted, ("bus.log:LogReader.__init__",)),
         objects("posterior.json", post, lambda p: posterior.read(p).plants(), "files:read_json"),
         Format(

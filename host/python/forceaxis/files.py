@@ -12,6 +12,7 @@ import contextlib
 import csv
 import io
 import json
+import logging
 import lzma
 import math
 import struct
@@ -83,6 +84,32 @@ def parsing(file: Path | str, expected: str, remedy: str = "give another file") 
         if not _is_of_file(error):
             raise
         refuse(file, expected, first_line(error), remedy)
+
+
+class _Remarks(logging.Handler):
+    def __init__(self, texts: list[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._texts = texts
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = record.getMessage().split("\n")[0][:TEXT_MOST]
+        if text not in self._texts:
+            self._texts.append(text)
+
+
+@contextlib.contextmanager
+def remarks(package: str) -> Iterator[list[str]]:
+    """Context in which a package parses a file. Collects its warnings, which it would print."""
+    texts: list[str] = []
+    handler, logger = _Remarks(texts), logging.getLogger(package)
+    before = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield texts
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = before
 
 
 def refuse(file: Path | str, expected: str, got: str, remedy: str) -> NoReturn:

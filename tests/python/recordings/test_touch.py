@@ -82,3 +82,23 @@ def test_a_recording_of_one_sample_in_contact_is_refused():
     force[300] += 7.0
     with pytest.raises(InputError, match="positive in compression and rises"):
         touch.level_of(time_s, force, "force")
+
+
+@pytest.mark.parametrize("quiet", [0, 1, 4, 6, 7, 8])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_a_recording_that_begins_too_late_says_so(quiet, noise):
+    """A force that is in contact, or that rises within the first samples, has the right sign; its
+    zero was that of the contact."""
+    for seed in range(20):
+        time_s, force = held(noise, seed, first=quiet)
+        with pytest.raises(InputError, match="begin the recording earlier"):
+            touch.level_of(time_s, force, "force")
+
+
+def test_a_force_of_the_other_sign_begins_early_enough():
+    for seed in range(20):
+        time_s, force = held(0.3, seed, first=40)
+        with pytest.raises(InputError, match="opposite sign"):
+            touch.level_of(time_s, -force, "force")
+        level = touch.level_of(time_s, force, "force")
+        assert abs(level.zero) < 0.3 and level.noise < 0.6

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, Chunk, McapRecord
+from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
@@ -106,7 +106,13 @@ class McapReader:
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
+        self.others: dict[str, int] = {}  # {encoding: number of messages of other programs}
+        self._schemas: dict[int, Schema] = {}
         self._reason: str | None = None
+
+    def schema_of(self, channel: Channel) -> Schema | None:
+        """Returns the schema of the messages of a channel that messages() has yielded, or None."""
+        return self._schemas.get(channel.schema_id)
 
     def __iter__(self) -> Iterator[LogEntry]:
         for channel, message in self.messages():
@@ -116,15 +122,21 @@ class McapReader:
 
     def messages(self) -> Iterator[tuple[Channel, McapMessage]]:
         """Yields all messages with their channels, in the order of the file."""
-        self.count, self._reason = 0, None
+        self.count, self.others, self._reason = 0, {}, None
         channels: dict[int, Channel] = {}
+        self._schemas.clear()
         with self.path.open("rb") as stream:
             for record in self._records(stream):
+                if isinstance(record, Schema):
+                    self._schemas[record.id] = record
                 if isinstance(record, Channel):
                     channels[record.id] = record
                 if isinstance(record, McapMessage) and record.channel_id in channels:
                     channel = channels[record.channel_id]
-                    self.count += channel.message_encoding == LCM
+                    encoding = channel.message_encoding
+                    self.count += encoding == LCM
+                    if encoding != LCM:
+                        self.others[encoding] = self.others.get(encoding, 0) + 1
                     yield channel, record
 
     def _records(self, stream: BinaryIO) -> Iterator[McapRecord]:
@@ -153,5 +165,5 @@ class McapReader:
             return None
         return (
             f"{paths.display(self.path)}: is damaged or cut off ({self._reason}), "
-            f"{self.count} messages saved"
+            f"{self.count or sum(self.others.values())} messages saved"
         )

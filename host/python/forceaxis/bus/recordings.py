@@ -138,7 +138,13 @@ def expect_messages(reader: RecordingReader) -> None:
 
 
 def no_messages(reader: RecordingReader) -> InputError:
-    """Returns the error for a log that contains no message."""
+    """Returns the error for a log that contains no LCM message."""
+    if others := getattr(reader, "others", {}):
+        kinds = ", ".join(encoding or "no encoding" for encoding in others)
+        return InputError(
+            f"{paths.display(reader.path)}: expected messages of LCM, got "
+            f"{sum(others.values())} of another program ({kinds}); `import_recording` reads them"
+        )
     return InputError(
         f"{paths.display(reader.path)}: expected an LCM log with at least one message, got a log "
         "without messages; choose another file"

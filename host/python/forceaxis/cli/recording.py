@@ -17,6 +17,7 @@ from forceaxis.cli.common import (
     print_result,
 )
 from forceaxis.recordings import signal_recording
+from forceaxis.recordings.can_names import Names
 from forceaxis.recordings.importing import Imported, ImportRequest, import_sources, maps_of
 from forceaxis.recordings.reading import read_sources
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
@@ -46,15 +47,15 @@ def recording() -> None:
     """
 
 
-def sources_of(file: Path, separator: str | None) -> list[Source]:
+def sources_of(file: Path, separator: str | None, names: Names | None = None) -> list[Source]:
     """Return a reader for each section of a file with recorded data. The file may be of any
-    supported kind.
+    supported kind. `names`: names and scales of the frames of a CAN log.
     """
     from forceaxis.commission import incident
 
     if incident.is_incident(file):
         return [incident.source_of(incident.load(file), file)]
-    return read_sources(file, separator)
+    return read_sources(file, separator, names)
 
 
 @recording.command(
@@ -90,6 +91,14 @@ def sources_of(file: Path, separator: str | None) -> list[Source]:
     help="Leave out samples that leave a signal and come back at once, which are named anyway.",
 )  # fmt: skip
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
+@click.option(
+    "--dbc", multiple=True, metavar="FILE",
+    help="Names and scales of the frames of a CAN log. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--eds", multiple=True, metavar="[NODE=]FILE",
+    help="EDS or DCF of a node, whose PDOs name the frames of a CAN log. Repeatable.",
+)  # fmt: skip
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
     "--out",
@@ -108,6 +117,8 @@ def import_(
     section: int | None,
     without_spikes: bool,
     separator: str | None,
+    dbc: tuple[str, ...],
+    eds: tuple[str, ...],
     title: str,
     out: Path,
     as_json: bool,
@@ -129,7 +140,7 @@ def import_(
     )
     texts = [text for given in maps for text in maps_of(given)]
     request = ImportRequest(texts, time, rate, pairs, title, stretches, section, without_spikes)
-    found = import_sources(sources_of(file, separator), file, request)
+    found = import_sources(sources_of(file, separator, Names(dbc, eds)), file, request)
     name, facts = signal_recording.with_suffix(out), list[JsonObject]()
     written = [name.with_stem(f"{name.stem}_{k}") for k in range(1, len(found) + 1)]
     written = written if len(found) > 1 else [name]

@@ -24,7 +24,7 @@ from forceaxis.axis.link import NoAnswer, Recording, Refused
 from forceaxis.axis.values import object_names
 from forceaxis.bus.client import from_raw
 from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH, STATUS_STATES
-from forceaxis.recordings.source import ArraySource
+from forceaxis.recordings.source import Source, array_source
 from forceaxis.results import from_json
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ def is_enabled(statusword: NDArray[np.int64]) -> NDArray[np.bool_]:
     return np.asarray((statusword & state.mask) == state.value)
 
 
-def source_of(incident: Incident, path: Path) -> ArraySource:
+def source_of(incident: Incident, path: Path) -> Source:
     """Returns the signals of an incident as a source from which a recording can be imported. The
     signals are force and demanded force in N, travel in encoder counts, whether the drive is
     enabled, and the raw samples. `path`: the incident file."""
@@ -321,7 +321,7 @@ def source_of(incident: Incident, path: Path) -> ArraySource:
         "enabled": is_enabled(incident.column("statusword")).astype(np.int64),
         **raw,
     }
-    return ArraySource(path, "incident", table)
+    return array_source(path, "incident", table)
 
 
 def missing(incident: Incident) -> list[str]:

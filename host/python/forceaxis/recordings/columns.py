@@ -15,7 +15,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from forceaxis import paths
+import numpy as np
+
 from forceaxis._core import InputError
 from forceaxis.recordings import clock
 from forceaxis.recordings.dialect import NUMBERS, Dialect, is_missing
@@ -260,8 +261,16 @@ def differences(numbers: "pyarrow.Array", base: Decimal) -> Floats:
     from pyarrow import compute
 
     steps = compute.subtract(numbers, pyarrow.scalar(base, pyarrow.decimal128(*EXACT_DIGITS)))
-    found: Floats = compute.cast(steps, pyarrow.float64()).to_numpy(zero_copy_only=False)
-    return found
+    return floats_of(compute.cast(steps, pyarrow.float64()))
+
+
+def floats_of(numbers: "pyarrow.Array") -> Floats:
+    """Returns numbers as an array, and NaN where there is none. `to_numpy` would load Pandas where
+    it is installed, which takes a second and as much memory as a million samples."""
+    from pyarrow import compute
+
+    known = compute.fill_null(numbers, np.nan) if numbers.null_count else numbers
+    return np.frombuffer(known.buffers()[1], np.float64, len(known), 8 * known.offset)
 
 
 def kind_of(cells: Sequence[str], dialect: Dialect) -> str:
@@ -284,8 +293,8 @@ class _Scan:
     needed for a begin. `takes_keys`: whether the first column of a section may have another text in
     each of its rows, as lists of parameters have."""
 
-    def __init__(self, path: Path, dialect: Dialect, least: int, takes_keys: bool) -> None:
-        self._where, self._dialect = paths.display(path), dialect
+    def __init__(self, where: str, dialect: Dialect, least: int, takes_keys: bool) -> None:
+        self._where, self._dialect = where, dialect
         self._least, self._takes_keys = least, takes_keys
         self._between: deque[Line] = deque(maxlen=KEPT_LINES)  # lines below the last row
         self.sections: list[Section] = []
@@ -496,17 +505,16 @@ def _cut(section: Section) -> bool | None:
     return form not in others
 
 
-def sections_of(path: Path, dialect: Dialect) -> list[Section]:
-    """Returns the sections of a text table in their order. Raises InputError."""
+def sections_of(path: Path, dialect: Dialect, where: str) -> list[Section]:
+    """Returns the sections of a text table in their order. `where`: name of the table in messages.
+    Raises InputError."""
     for least in LEAST_ROWS:
         for takes_keys in (False, True):
-            scan = _Scan(path, dialect, least, takes_keys)
+            scan = _Scan(where, dialect, least, takes_keys)
             scan.read(path)
             if scan.sections:
                 return scan.sections
-    raise InputError(
-        f"{paths.display(path)}: expected rows of numbers, got none; export the data as CSV"
-    )
+    raise InputError(f"{where}: expected rows of numbers, got none; export the data as CSV")
 
 
 def text_of(lines: Sequence[Line]) -> str:

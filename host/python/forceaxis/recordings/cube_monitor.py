@@ -7,13 +7,15 @@ Each line is an object of JSON with successive values of one variable:
 x is the time in ms since 1970. Each variable has times of its own.
 """
 
+import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis import files
-from forceaxis.recordings.source import ArraySource
+from forceaxis.recordings.source import ArraySource, Head
 
 KIND = "STM32CubeMonitor"
 EXPECTED, REMEDY = "a log of STM32CubeMonitor", "record the variables again, or log them as CSV"
@@ -35,16 +37,15 @@ def read(path: Path) -> ArraySource:
                 with files.parsing(path, f"{EXPECTED} in line {number}", REMEDY):
                     key, own = _samples(files.json_of(line))
                 samples.setdefault(key, []).extend(own)
-    table: dict[str, NDArray[np.generic]] = {}
-    times, units = dict[str, str](), dict[str, str]()
+    heads: list[Head] = []
+    arrays: list[Callable[[], NDArray[np.generic]]] = []
     several = len({group for group, _ in samples}) > 1
     for (group, variable), own in samples.items():
         name = f"{group}/{variable}" if several else variable
-        time = f"{name} time"
-        table[name] = np.array([value for _, value in own])
-        table[time] = np.array([at for at, _ in own], dtype=np.int64)
-        times[name], units[time] = time, "us"
-    return ArraySource(path, KIND, table, times, units)
+        heads += [Head(name, time=len(heads) + 1), Head(f"{name} time", "us")]
+        columns = np.array([value for _, value in own]), np.array([at for at, _ in own], np.int64)
+        arrays += [functools.partial(np.asarray, column) for column in columns]
+    return ArraySource(path, KIND, heads, arrays)
 
 
 def _samples(line: object) -> tuple[tuple[str, str], list[tuple[int, float]]]:

@@ -27,6 +27,8 @@ NAME = re.compile(r"[a-z][a-z0-9_.]*$")
 # Commas between two maps; other commas belong to the name of a column.
 BETWEEN_MAPS = re.compile(r",(?=\s*[A-Za-z][\w.]*=)")
 DELAY_MAX_S = 1.0
+# Signals are of one clock if no more than this multiple of the longest one is between them.
+APART = 10.0
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,8 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
     times = Times(source, request, notes, {one.place for one in maps})
     columns = [source.column(one.place) for one in maps]
     units = [_unit_of(*pair, source, notes) for pair in zip(maps, columns, strict=True)]
-    parts = times.parts([one.place for one in maps], len(columns[0].values))
+    longest = max(len(column.values) for column in columns)
+    parts = times.parts([one.place for one in maps], longest)
     digest = _digest(path)
     found = []
     for number, part in enumerate(parts, 1):
@@ -201,12 +204,30 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
             delayed = delays.get(one.name, 0.0)
             signal = _with_findings(signal, delayed, request.without_spikes, own)
             signals.append(_on_clock(signal, signals))
+        _expect_one_clock(signals, source.where)
         used = {one.place for one in maps} | times.used
         rest = tuple(head.name for place, head in enumerate(source.heads) if place not in used)
         about = RecordingSource(path.name, source.kind, *digest, times.origin_s, rest)
         recording = SignalRecording(request.title or path.stem, about, tuple(signals))
         found.append(Imported(recording, (*source.notes, *notes, *own)))
     return found
+
+
+def _expect_one_clock(signals: Sequence[RecordedSignal], where: str) -> None:
+    """Raises InputError for signals whose times are so far apart that they are of several clocks,
+    such as one that begins in 1970 and one that begins with the program."""
+    spans = [(s.time_s[0], s.time_s[-1]) for s in signals]
+    longest = max(end - begin for begin, end in spans)
+    (last, late), (first, early) = (
+        max(zip(spans, signals, strict=True), key=lambda one: one[0][0]),
+        min(zip(spans, signals, strict=True), key=lambda one: one[0][1]),
+    )
+    if last[0] - first[1] > APART * longest:
+        raise InputError(
+            f"{where}: expected signals of one clock, got {early.name} from {first[0]:.6g} to "
+            f"{first[1]:.6g} s and {late.name} from {last[0]:.6g} to {last[1]:.6g} s; import them "
+            "one by one, or choose their times by `time`"
+        )
 
 
 def _digest(path: Path) -> tuple[str, int]:

@@ -2,55 +2,68 @@
 selected by its content."""
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import files, paths
 from forceaxis._core import InputError
 from forceaxis.bus.recordings import MCAP_MAGIC
-from forceaxis.recordings import cube_monitor
+from forceaxis.errors import ParameterError
+from forceaxis.recordings import can_log, cube_monitor
+from forceaxis.recordings.can_names import Names, source_of
 from forceaxis.recordings.dialect import is_text
+from forceaxis.recordings.mdf import UNFINISHED, read_mdf
+from forceaxis.recordings.messages import read_messages
 from forceaxis.recordings.signal_recording import is_recording
-from forceaxis.recordings.source import Source, read_messages, read_npz, read_parquet
+from forceaxis.recordings.source import Source, read_npz, read_parquet
 from forceaxis.recordings.table import read_tables
+from forceaxis.recordings.tdms import read_tdms
+from forceaxis.recordings.workbook import read_workbook
 
 # suffixes of files that contain a table of numbers, such as CSV
 TABLES = (".csv", ".tsv", ".txt", ".parquet")
 LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
 
-def _read_archive(path: Path) -> Source:
-    """Reads a ZIP archive, if it is one of arrays. Raises InputError."""
+def _read_archive(path: Path) -> list[Source]:
+    """Reads a ZIP archive, if it is a workbook or one of arrays. Raises InputError."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
+            size = sum(info.file_size for info in archive.infolist())
     except (OSError, zipfile.BadZipFile, NotImplementedError):
-        names = []  # the reader of arrays says what is wrong
-    if "[Content_Types].xml" in names or any(n.startswith(("xl/", "content.xml")) for n in names):
+        names, size = [], 0  # the reader of arrays says what is wrong
+    if "[Content_Types].xml" in names and any(name.startswith("xl/") for name in names):
+        files.expect_unpacked(path, size)
+        return read_workbook(path)
+    if "[Content_Types].xml" in names or "content.xml" in names:
         raise InputError(
-            f"{paths.display(path)}: expected a text table or arrays, got a workbook; save the "
-            "sheet with the data as CSV in the program that made it"
+            f"{paths.display(path)}: expected a text table, arrays or a workbook (xlsx), got "
+            "another document; save the sheet with the data as xlsx or CSV"
         )
     if names and not any(name.endswith(".npy") for name in names):
         raise InputError(
             f"{paths.display(path)}: expected a text table or arrays, got a ZIP archive with "
             f"{names[0]}; unpack it, and import the file inside"
         )
-    return read_npz(path)
+    return [read_npz(path)]
 
 
 # (first bytes of a file, function that reads such a file)
-READERS: tuple[tuple[bytes, Callable[[Path], Source]], ...] = (
+READERS: tuple[tuple[bytes, Callable[[Path], Sequence[Source]]], ...] = (
     (b"PK", _read_archive),
-    (b"PAR1", read_parquet),
-    (MCAP_MAGIC, read_messages),
-    (LCM_MARK, read_messages),
+    (b"PAR1", lambda path: [read_parquet(path)]),
+    (MCAP_MAGIC, lambda path: [read_messages(path)]),
+    (LCM_MARK, lambda path: [read_messages(path)]),
+    (b"TDSm", lambda path: [read_tdms(path)]),
+    (b"MDF     ", lambda path: [read_mdf(path)]),
+    (UNFINISHED, lambda path: [read_mdf(path)]),
 )
+KINDS = "a file of the kind CSV, xlsx, NPZ, Parquet, TDMS, MDF, MCAP, LCM log, CAN log or incident"
 # (first bytes of a file, kind of the file, what a user can do with it)
 FOREIGN = (
-    (b"TDSm", "a TDMS file of LabVIEW", "export it as text (LVM) or CSV in LabVIEW or DIAdem"),
-    (b"MDF     ", "a measurement file (MDF)", "export it as CSV, such as with asammdf"),
-    (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save the sheet with the data as CSV"),
+    (b"TDSh", "the index of a TDMS file of LabVIEW", "import the TDMS file beside it"),
+    (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save it as xlsx or CSV"),
 )
 
 
@@ -68,13 +81,16 @@ def expect_log(path: Path) -> None:
         )
 
 
-def read_sources(path: Path, separator: str | None = None) -> list[Source]:
+def read_sources(
+    path: Path, separator: str | None = None, names: Names | None = None
+) -> list[Source]:
     """Reads a file as sources of recordings, one for each section of a text table. The content of
     the file selects the kind of source. `separator`: character between the columns of a CSV file,
-    or None to find it. Raises InputError, OSError."""
+    or None to find it. `names`: names and scales of the frames of a CAN log. Raises InputError,
+    OSError."""
     where = paths.display(path)
     with path.open("rb") as file:
-        start = file.read(256)
+        start = file.read(can_log.HEAD_BYTES)
     if not start:
         raise InputError(f"{where}: expected a file with data, got an empty file; record again")
     if is_recording(path):
@@ -82,21 +98,26 @@ def read_sources(path: Path, separator: str | None = None) -> list[Source]:
             f"{where}: expected a file of another program, got a recording that was already "
             "imported; use this file without importing it"
         )
+    if read_log := can_log.reader_of(start):
+        can_log.expect_readers(path)
+        return [source_of(read_log(path), names or Names())]
+    if names:
+        raise ParameterError(
+            names.parameter, f"expected a log of candump, Vector or PEAK for it, got {where}; "
+            "remove it, or give such a log"
+        )  # fmt: skip
     for mark, read in READERS:
         if start.startswith(mark):
-            return [read(path)]
+            return [*read(path)]
     if cube_monitor.is_log(start):
         return [cube_monitor.read(path)]
     for mark, kind, remedy in FOREIGN:
         if start.startswith(mark):
-            raise InputError(
-                f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or "
-                f"incident, got {kind}; {remedy}"
-            )
+            raise InputError(f"{where}: expected {KINDS}, got {kind}; {remedy}")
     if not is_text(start[:64]):
         raise InputError(
-            f"{where}: expected a file of the kind CSV, NPZ, Parquet, MCAP, LCM log or incident, "
-            "got other binary data; export the data as one of these kinds"
+            f"{where}: expected {KINDS}, got other binary data; export the data as one of these "
+            "kinds"
         )
     return read_tables(path, separator)
 

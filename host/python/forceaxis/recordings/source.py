@@ -5,6 +5,7 @@ import abc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -13,9 +14,6 @@ from numpy.typing import NDArray
 
 from forceaxis import files, paths
 from forceaxis._core import InputError
-from forceaxis.bus import log_tables
-from forceaxis.bus.message_rows import Row
-from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
 from forceaxis.errors import ParameterError
 from forceaxis.recordings.clock import NO_TIME_NS, NS_PER_S, Clock
 from forceaxis.recordings.signal_recording import Floats
@@ -92,6 +90,7 @@ class Source(abc.ABC):
     notes: list[str]
     count: int | None = None  # number of samples of a recording that the source states
     unread: str = ""  # why the columns have no names, or ""
+    is_whole = False  # True: its times begin once, whatever numbers its columns have
 
     @abc.abstractmethod
     def column(self, place: int) -> SourceColumn:
@@ -105,15 +104,20 @@ class Source(abc.ABC):
         """Returns the names of the columns of the source, without units."""
         return [head.name for head in self.heads]
 
-    def find(self, text: str, parameter: str) -> int:
+    def find(self, text: str, parameter: str, near: int | None = None) -> int:
         """Returns the place of the column that a user means. The user writes one of its names, the
-        end of a name after "/" or ".", or the number of the column from 1, also as #1. Raises
+        end of a name after "/" or ".", or the number of the column from 1, also as #1. `near`:
+        place of a column whose group, the name before "/", comes first, or None. Raises
         InputError."""
         number = int(text.lstrip("#")) if text.lstrip("#").isdecimal() else 0
         number = number if 1 <= number <= len(self.heads) else 0
         if text.startswith("#") and number:
             return number - 1
         named = self._named(text)
+        if near is not None and len(named) > 1:
+            group = self.heads[near].name.rpartition("/")[0]
+            inside = [k for k in named if self.heads[k].name.rpartition("/")[0] == group]
+            named = inside if len(inside) == 1 else named
         if len(named) > 1:
             several = ", ".join(f"#{place + 1} {self.heads[place].name}" for place in named)
             raise ParameterError(
@@ -170,26 +174,18 @@ def time_by_name(names: Sequence[str]) -> int | None:
 
 
 class ArraySource(Source):
-    """A source of recordings that consists of arrays, from an NPZ file, a Parquet file or messages.
-    `times`: {column: column with its times}."""
+    """A source of recordings that consists of arrays. `arrays`: a function for each of the heads,
+    which reads the array of the column from the file. It may raise InputError."""
 
     def __init__(
-        self, path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
-        units: Mapping[str, str] | None = None,
+        self, path: Path, kind: str, heads: Sequence[Head],
+        arrays: Sequence[Callable[[], NDArray[np.generic]]],
     ) -> None:  # fmt: skip
-        self.where, self.kind, self.notes = paths.display(path), kind, []
-        self._table = list(table.values())
-        places = {name: place for place, name in enumerate(table)}
-        self.heads = [
-            Head(
-                name, (units or {}).get(name) or split_name(name.rpartition("/")[2])[1], (),
-                places.get((times or {}).get(name, "")),
-            )
-            for name in table
-        ]  # fmt: skip
+        self.where, self.kind, self.heads, self.notes = paths.display(path), kind, heads, []
+        self._arrays = arrays
 
     def _array(self, place: int) -> NDArray[np.generic]:
-        given, name = np.asarray(self._table[place]), self.heads[place].name
+        given, name = np.asarray(self._arrays[place]()), self.heads[place].name
         if given.ndim != 1 or given.dtype.kind not in "iufbM":
             raise InputError(
                 f"{self.where}: {name}: expected an array of numbers in one dimension, got "
@@ -228,6 +224,23 @@ class ArraySource(Source):
         return Clock(head.name, head.unit, self.column(place).values)
 
 
+def array_source(
+    path: Path, kind: str, table: Table, times: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> ArraySource:  # fmt: skip
+    """Returns arrays in the memory as a source. `times`: {column: column with its times}. `units`:
+    {column: unit}; other units are those at the ends of the names."""
+    places = {name: place for place, name in enumerate(table)}
+    heads = [
+        Head(
+            name, (units or {}).get(name) or split_name(name.rpartition("/")[2])[1], (),
+            places.get((times or {}).get(name, "")),
+        )
+        for name in table
+    ]  # fmt: skip
+    return ArraySource(path, kind, heads, [partial(np.asarray, array) for array in table.values()])
+
+
 def expect_finite(
     where: str, column: SourceColumn, largest: float = LARGEST_NUMBER
 ) -> SourceColumn:
@@ -248,7 +261,7 @@ def read_npz(path: Path) -> Source:
     """Returns the arrays of an NPZ file as a source. Raises InputError."""
     expected = "an NPZ file with arrays of numbers"
     table = files.read_arrays(path, expected, "write the arrays with numpy.savez")
-    return ArraySource(path, "NPZ", table)
+    return array_source(path, "NPZ", table)
 
 
 def read_parquet(path: Path) -> Source:
@@ -270,78 +283,4 @@ def read_parquet(path: Path) -> Source:
             for field in found.schema
             if field.metadata and b"unit" in field.metadata
         }
-    return ArraySource(path, "Parquet", table, units=units)
-
-
-def read_messages(path: Path) -> Source:
-    """Returns the messages in an LCM log or an MCAP file as a source of recordings, with columns
-    CHANNEL/field. The messages in an MCAP file are messages of forceaxis or JSON. Raises
-    InputError."""
-    with path.open("rb") as file:
-        is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-    kind = "MCAP" if is_mcap else "LCM log"
-    tables, others, damage = log_tables.tables_of(reader_of(path))
-    if not tables and is_mcap:
-        tables, others, damage = _json_tables(path)
-    where = paths.display(path)
-    if damage:
-        raise InputError(
-            f"{damage}; expected a complete file; `convert_log` writes the complete messages to a "
-            "new file"
-        )
-    if not tables:
-        raise InputError(
-            f"{where}: expected messages of forceaxis{' or in JSON' * is_mcap}, got "
-            + (f"only those of {', '.join(others)}" if others else "no message")
-            + "; export the data as CSV or Parquet"
-        )
-    found, times = {}, {}
-    for channel, columns in tables.items():
-        time = next((n for n in (*TIME_NAMES, "utime_us", "received_wall_us") if n in columns), "")
-        for name, values in columns.items():
-            if values.dtype.kind in "iufb":
-                found[f"{channel}/{name}"] = values
-                times[f"{channel}/{name}"] = f"{channel}/{time}"
-    return ArraySource(path, kind, found, times)
-
-
-def _json_tables(path: Path) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
-    """Reads the JSON messages of an MCAP file. Returns (tables, topics, damage). `tables`: {topic:
-    {field: values}} with all numbers. `topics`: topics with messages in other encodings. `damage`:
-    one text line about damage of the file, or None."""
-    from forceaxis.bus.mcap_file import McapReader
-
-    rows: dict[str, list[Row]] = {}
-    others: dict[str, None] = {}
-    reader = McapReader(path)
-    for channel, message in reader.messages():
-        if channel.message_encoding != "json":
-            others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
-            continue
-        with files.parsing(path, f"messages in JSON on {channel.topic}", "export the data as CSV"):
-            row: Row = dict(_numbers("", files.json_of(message.data, has_constants=True)))
-        row["time_s"] = message.log_time * 1e-9
-        rows.setdefault(channel.topic, []).append(row)
-    tables: dict[str, log_tables.Table] = {}
-    for topic, own in rows.items():
-        columns = log_tables.Columns()
-        for row in sorted(own, key=lambda row: float(row["time_s"] or 0.0)):
-            columns.add(row)
-        tables[topic] = columns.arrays()
-    return tables, list(others), reader.damage
-
-
-def _numbers(prefix: str, value: object) -> list[tuple[str, float]]:
-    """Returns the numbers in a JSON value as [(name, number)], such as ("wrench.force.z", 1.5)."""
-    if isinstance(value, bool | int | float):
-        return [(prefix or "value", float(value))]
-    items: Sequence[tuple[object, object]] = []
-    if isinstance(value, dict):
-        items = list(value.items())
-    elif isinstance(value, list):
-        items = list(enumerate(value))
-    return [
-        pair
-        for key, inner in items
-        for pair in _numbers(f"{prefix}.{key}" if prefix else str(key), inner)
-    ]
+    return array_source(path, "Parquet", table, units=units)

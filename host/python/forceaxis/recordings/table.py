@@ -23,11 +23,19 @@ from forceaxis.recordings.columns import (
     TEXT,
     Section,
     differences,
+    floats_of,
     numbers_of,
     sections_of,
     text_of,
 )
-from forceaxis.recordings.dialect import GROUPED, NUMBERS, OVER_RANGE, dialect_of, is_missing
+from forceaxis.recordings.dialect import (
+    GROUPED,
+    NUMBERS,
+    OVER_RANGE,
+    Dialect,
+    dialect_of,
+    is_missing,
+)
 from forceaxis.recordings.signal_recording import Floats
 from forceaxis.recordings.source import (
     Head,
@@ -81,12 +89,12 @@ class _Lines(Sequence[int]):
 class TableSource(Source):
     """A section of a text table as a source of recordings. The fields of a column are converted to
     numbers only when the column is requested. Columns that are not requested may therefore contain
-    texts."""
+    texts. `file`: temporary file with the table, which exists as long as its sources, or None."""
 
-    def __init__(self, path: Path, section: Section, found: heads.Heads) -> None:
-        self.where, self.heads, self._path, self._section = (
-            paths.display(path), found.heads, path, section,
-        )  # fmt: skip
+    file: object = None
+
+    def __init__(self, path: Path, where: str, section: Section, found: heads.Heads) -> None:
+        self.where, self.heads, self._path, self._section = where, found.heads, path, section
         decimal = " with decimal commas" if section.dialect.decimal == "," else ""
         self.kind = found.kind + decimal
         self.unread = found.unread
@@ -125,7 +133,7 @@ class TableSource(Source):
             found = numbers_of(text, self._section.dialect, self._section.width, [place])
             part = (
                 self._numbers(place, row, text, over) if found is None
-                else found[0].to_numpy(zero_copy_only=False)
+                else floats_of(found[0])
             )  # fmt: skip
             wrong = np.flatnonzero(np.isin(part, OVER_RANGE_NUMBERS) | np.isinf(part))
             if len(wrong):
@@ -416,19 +424,24 @@ def read_tables(path: Path, separator: str | None = None) -> list[Source]:
     """Returns the sections of a text table as sources. `separator`: character between the columns,
     or None to find it. Raises InputError."""
     side_header.expect_samples(path)
-    dialect = dialect_of(path, separator)
+    return [*tables_in(path, dialect_of(path, separator), paths.display(path))]
+
+
+def tables_in(path: Path, dialect: Dialect, where: str) -> list[TableSource]:
+    """Returns the sections of a text table in a known dialect as sources. `where`: name of the
+    table in messages. Raises InputError."""
     tables: list[tuple[Section, heads.Heads]] = []
-    for section in sections_of(path, dialect):
+    for section in sections_of(path, dialect, where):
         try:
             found = heads.heads_of(section, tables[-1][1] if tables else None)
             found = side_header.with_header(path, section, found)
         except InputError as error:
-            raise InputError(f"{paths.display(path)}: {error}") from None
+            raise InputError(f"{where}: {error}") from None
         if tables and found.heads == tables[-1][1].heads and _continues(*tables[-1], section):
             tables[-1][0].append(section)
         else:
             tables.append((section, found))
-    return [TableSource(path, section, found) for section, found in tables]
+    return [TableSource(path, where, section, found) for section, found in tables]
 
 
 def _continues(section: Section, found: heads.Heads, other: Section) -> bool:

@@ -112,7 +112,7 @@ class Times:
 
     def parts(self, places: list[int], count: int) -> list[slice]:
         """Returns the rows of each recording in the source: the times restart between them.
-        `places`: columns that are asked for. `count`: number of rows."""
+        `places`: columns that are asked for. `count`: number of rows of the longest of them."""
         whole = [slice(0, count)]
         clocks = {self._place(place) for place in places}
         if len(clocks) != 1:
@@ -141,6 +141,8 @@ class Times:
     def _index(self, places: list[int], count: int) -> Floats | None:
         """Returns the numbers of the column of the times, or of the first one, if it counts the
         samples in equal steps. `places`: columns that are signals."""
+        if self._source.is_whole:
+            return None
         place = self._source.time_place() or 0
         try:
             values = self._source.clock(place).values
@@ -193,7 +195,7 @@ class Times:
         if self._request.rate is not None:
             return None
         head = source.heads[place]
-        if (wanted := self._wanted()[0]) is not None:
+        if (wanted := self._wanted(place)[0]) is not None:
             return wanted
         time = head.time if head.time is not None else source.time_place()
         if time is None:
@@ -220,24 +222,25 @@ class Times:
             "COLUMN:UNIT, or `rate` HZ for samples at a constant rate"
         )
 
-    def _wanted(self) -> tuple[int | None, str | None]:
-        """Returns the (column, unit) of the times that the request of the user names."""
+    def _wanted(self, near: int) -> tuple[int | None, str | None]:
+        """Returns the (column, unit) of the times that the request of the user names. `near`: place
+        of the column with the values."""
         text = self._request.time
         if text is None:
             return None, None
         head, colon, unit = text.rpartition(":")
         if not colon or text in self._source.names() or factor_of(unit, "s") is None:
             try:
-                return self._source.find(text, "time"), None
+                return self._source.find(text, "time", near), None
             except ParameterError:
                 if not colon:
                     raise
-        return self._source.find(head, "time"), unit or None
+        return self._source.find(head, "time", near), unit or None
 
     def _column(self, place: int) -> _Stamps:
         if place not in self._known:
             clock = self._source.clock(place)
-            factor = self._factor_of(clock)
+            factor = self._factor_of(clock, place)
             self.used.add(place)
             base_s = clock.base * Fraction(str(factor))
             first = clock.values[int(np.argmin(np.isnan(clock.values)))] if len(clock.values) else 0
@@ -254,9 +257,10 @@ class Times:
             self._expect_grid(place, clock.values)
         return self._known[place]
 
-    def _factor_of(self, clock: Clock) -> float:
-        """Returns the size of the unit of times in s. Raises InputError, ParameterError."""
-        asked = self._wanted()[1]
+    def _factor_of(self, clock: Clock, place: int) -> float:
+        """Returns the size in s of the unit of the times in the column at a place. Raises
+        InputError, ParameterError."""
+        asked = self._wanted(place)[1]
         if clock.is_text:
             if asked is not None and factor_of(asked, "s") != 1:
                 raise ParameterError(

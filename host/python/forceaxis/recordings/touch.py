@@ -26,6 +26,7 @@ COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the la
 QUIET_FACTOR = 3.0
 DEVIATION = (0.1587, 0.8413)  # shares of normal values below one deviation under and over the mean
 RISEN_SHARE = 0.1  # share of the largest force above which a contact is a touch-down of its own
+RISING_SAMPLES = 5  # number of successive samples above this share that are no noise
 LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
 # the held force is the mean of this share of the signal, at its end
 HELD_SHARE, HELD_LEAST = 0.2, 10
@@ -80,6 +81,11 @@ class Touch:
 def level_of(time_s: Floats, force: Floats, where: str) -> ForceLevel:
     """Returns the zero, the noise and the level of contact of a force (n,) at the times `time_s`.
     Raises InputError if there is no contact, or too few samples before the contact."""
+    if _rises_at_once(force):
+        raise InputError(
+            f"{where}: expected at least {LEAST_BEFORE} samples before the first contact, but the "
+            "force rises within them; begin the recording earlier"
+        )
     head = force[:LEAST_BEFORE]
     largest = largest_of(force - float(np.median(head)))
     # A first contact with a small force hardly changes medians of all samples before a large one.
@@ -115,6 +121,21 @@ def level_of(time_s: Floats, force: Floats, where: str) -> ForceLevel:
         quiet = quiet_of(before[np.abs(before - zero) <= contact], quantum)
         zero, noise, count = quiet.zero, quiet.noise, quiet.count
     return ForceLevel(zero, noise, contact, noises)
+
+
+def _rises_at_once(force: Floats) -> bool:
+    """Returns True if the contact is made within the first samples, which then tell no zero."""
+    low = np.sort(force[:LEAST_BEFORE])[: LEAST_BEFORE // 2]
+    above = force - float(np.median(low))
+    largest = largest_of(above)
+    if largest < np.ptp(force) / 2:  # the force falls, or a sample is a disturbance
+        return False
+    risen = above > RISEN_SHARE * largest
+    first = int(np.argmax(risen))
+    if not risen[first : first + RISING_SAMPLES].all():
+        return False
+    quiet = np.flatnonzero(force[:first] <= low[-1])
+    return len(quiet) == 0 or int(quiet[-1]) < LEAST_BEFORE
 
 
 def largest_of(above: Floats) -> float:

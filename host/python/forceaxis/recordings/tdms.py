@@ -1,0 +1,124 @@
+"""TDMS files of LabVIEW and DIAdem as sources of recordings."""
+
+import logging
+import math
+import struct
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forceaxis import files, paths
+from forceaxis._core import InputError
+from forceaxis.errors import expect_package
+from forceaxis.recordings.source import ArraySource, Grid, Head, Source, time_by_name
+from forceaxis.recordings.units import split_name
+
+UNITS = ("unit_string", "NI_UnitDescription")  # properties with the unit of a channel
+# Properties with the times of a waveform
+STEP, OFFSET, START, STEP_UNIT = (
+    "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string",
+)  # fmt: skip
+LEAD_BYTES = 28  # of the head of a segment, with the length of the rest
+FIRST_START = np.datetime64("1971-01-01")  # an earlier one means that nobody has set it
+REMEDY = "export it as CSV in LabVIEW or DIAdem"
+
+
+def read_tdms(path: Path) -> Source:
+    """Returns the channels of a TDMS file as a source, with the names GROUP/CHANNEL. Raises
+    InputError."""
+    expect_package(paths.display(path), "nptdms", "npTDMS", "tdms")
+    import nptdms
+    from nptdms.log import log_manager
+
+    log_manager.console_handler.setLevel(logging.CRITICAL)
+    with files.parsing(path, "a TDMS file", REMEDY), files.remarks("nptdms") as remarks:
+        # From an open file, the library does not read an index beside it, which may be an old one.
+        file = nptdms.TdmsFile.open(path.open("rb"))
+        groups = [group.channels() for group in file.groups()]
+        channels = [channel for group in groups for channel in group]
+        begins_s = _begins_s(channels)
+        heads = [
+            head
+            for group in groups
+            for head in _heads(group, channels.index(group[0]) if group else 0, begins_s)
+        ]
+        if file.file_status.incomplete_final_segment or _rest(path):
+            remarks.append("its last segment is not complete, so samples may be lost")
+    source = ArraySource(path, "TDMS", heads, [partial(_array, path, one) for one in channels])
+    source.is_whole = True
+    source.notes += [f"damaged or cut off: {remark}" for remark in remarks]
+    return source
+
+
+def _rest(path: Path) -> int:
+    """Returns the number of bytes behind the last complete head of a segment, of which the library
+    says nothing."""
+    begin, size = 0, path.stat().st_size
+    with path.open("rb") as file:
+        while size - begin >= LEAD_BYTES:
+            file.seek(begin)
+            length = struct.unpack("<4s2IQQ", file.read(LEAD_BYTES))[3]
+            begin += LEAD_BYTES + length
+    return max(size - begin, 0)
+
+
+def _array(path: Path, channel: Any) -> NDArray[np.generic]:
+    """Returns the scaled values of a channel. Raises InputError."""
+    with files.parsing(path, f"values of {channel.path}", REMEDY), files.remarks("nptdms") as said:
+        values = np.asarray(channel[:])
+    if said:
+        raise InputError(
+            f"{paths.display(path)}: {channel.path}: expected values with a known scale, got: "
+            f"{said[0]}; {REMEDY}"
+        )
+    return values
+
+
+def _heads(group: Sequence[Any], first: int, begins_s: dict[str, float]) -> list[Head]:
+    """Returns the heads of the channels of a group. `first`: place of its first channel."""
+    time = time_by_name([channel.name for channel in group])
+    return [
+        Head(
+            f"{channel.group_name}/{channel.name}",
+            next((str(channel.properties[key]) for key in UNITS if channel.properties.get(key)),
+                 split_name(channel.name)[1]),
+            (channel.name,),
+            None if time is None else first + time,
+            _grid(channel, begins_s.get(channel.path, 0.0)),
+        )
+        for channel in group
+    ]  # fmt: skip
+
+
+def _grid(channel: Any, begin_s: float) -> Grid | None:
+    """Returns the times of a waveform, or None if a channel has none. `begin_s`: time of its start
+    after that of the first waveform of the file."""
+    properties = channel.properties
+    step_s, offset_s = properties.get(STEP), properties.get(OFFSET, 0.0)
+    is_time = str(properties.get(STEP_UNIT) or "s") == "s"
+    numbers = isinstance(step_s, int | float) and isinstance(offset_s, int | float)
+    if not (numbers and is_time and 0 < step_s < math.inf and math.isfinite(offset_s)):
+        return None
+    start = f", {START} {begin_s:.9g} s after the first one" if begin_s else ""
+    text = f"{STEP} {step_s:.9g} s of {channel.name}{start}"
+    return Grid(begin_s + offset_s, step_s, text)
+
+
+def _begins_s(channels: Sequence[Any]) -> dict[str, float]:
+    """Returns {path of a channel: start of its waveform in s after the first start}, if all
+    waveforms of a file have a start."""
+    waves = [channel for channel in channels if channel.properties.get(STEP)]
+    starts: dict[str, Any] = {}
+    for channel in waves:
+        start = channel.properties.get(START)
+        if isinstance(start, np.datetime64) and start > FIRST_START:
+            starts[channel.path] = start
+    if len(starts) != len(waves) or not starts:
+        return {}
+    first = min(starts.values())
+    return {path: float((start - first).astype("m8[ns]").astype(np.int64)) * 1e-9
+            for path, start in starts.items()}  # fmt: skip
