@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_text_tables import expect, imported, refused, rows, table
+from test_text_tables import expect, imported, refused, rows, run, table
 
 TOO_MANY = {
     "comma": ("t [s],Force, actual [N],Position [mm]\n", "{t:.4f},{f:.4f},{k}"),
@@ -206,3 +206,16 @@ def test_times_that_count_rows_say_that_rows_are_missing(tmp_path):
     del lines[40:43]
     _, printed = imported(tmp_path, table(lines, head), "--map", "force=1:N")
     assert "3 samples missing: if not at the end, all later times are too early" in printed
+
+
+def test_a_narrower_section_without_names_takes_none(tmp_path):
+    """The names above it are those of three columns; nobody knows which two these are."""
+    between = "second part\nof two\n"
+    wide = table(rows("{t:.3f},{f:.3f},{k}.5"), "t [s],F [N],x [mm]\n")
+    narrow = table(rows("{t:.3f},{k}.25", begin=0.06))
+    signal, printed = imported(tmp_path, wide + between + narrow, "--map", "force=F")
+    expect(signal)
+    assert "not imported, as expected a column" in printed
+    same = table(rows("{t:.3f},{f:.3f},{k}.5", begin=0.2))
+    run(tmp_path, wide + between + same, "--map", "force=F")
+    assert len(list(tmp_path.glob("made_*.npz"))) == 2  # equally many columns keep their names

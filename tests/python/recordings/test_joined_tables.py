@@ -205,3 +205,20 @@ def test_variables_of_several_groups_of_cube_monitor_keep_their_group(tmp_path):
 def test_a_damaged_log_of_cube_monitor_is_refused_by_its_line(tmp_path, line, said):
     good = stcm(("g", "force", [(BEGIN_MS + k, 0.5 * k) for k in range(60)]))
     assert said in refused(tmp_path, good + line + "\n" + good, "--map", "force=force:N")
+
+
+@pytest.mark.parametrize("value", ["1e999", "nan", "1e-300", "-1"])
+def test_a_step_of_no_size_in_a_header_is_no_step(tmp_path, value):
+    (tmp_path / "source.csv").write_text(header(SignalResolution=value))
+    lines = table(rows("{f:.6e}"))
+    said = refused(tmp_path, lines, "--map", "force=Ch1:1N", name="source.Wfm.csv")
+    assert "expected a column of times, got Ch1; write --time COLUMN:UNIT, or --rate HZ" in said
+
+
+@pytest.mark.parametrize("value", ["", "1e999"])
+def test_a_header_without_the_begin_of_the_times_says_so(tmp_path, value):
+    (tmp_path / "source.csv").write_text(header(HardwareXStart=value))
+    signal, printed = imported(tmp_path, table(rows("{f:.6e}")), "--map", "force=Ch1:1N",
+                               name="source.Wfm.csv")  # fmt: skip
+    expect(signal)
+    assert "source.csv does not state the begin of the times, which is 0 here" in printed

@@ -85,7 +85,8 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     keys, side = _keys_of(lines), _keys_beside(section)
     found = _keyed_heads(section, keys, width) or _named_heads(section, lines, width)
     has_none = found.names is None and found.refused is None
-    if has_none and before is not None and len(before.heads) >= width:
+    # Names of a table with more columns may be those of any columns.
+    if has_none and before is not None and len(section.kinds) >= len(before.heads) >= width:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)
     _add_units(found, keys)

@@ -26,6 +26,7 @@ LENGTHS = (
     ("recordlength", "xstart"),
 )
 UNITS = ("verticalunit", "multichannelverticaloffset", "verticaloffset", "verticalscale")
+LEAST = 1e-15  # smallest magnitude of a number in a header, and the inverse of the largest one
 HEADER_BYTES = 1 << 20  # a longer file is no header
 SOURCE = re.compile(r"^(?:eRS_SIGNAL_SOURCE_)?(?P<name>.+)$")
 
@@ -83,10 +84,13 @@ def _headed(name: str, known: Properties, section: Section, found: Heads) -> Hea
         notes.append(f"names of {name}")
     else:
         notes.append(f"{name} has {len(names)} channels, and the rows {width} columns")
-    count, begin = _length(known, section.rows)
+    count, begin_s = _length(known, section.rows)
     key = next(key for key in STEPS if key in known)
-    step_s, begin_s = _number(known[key][0]), _number(begin)
-    if step_s is not None and step_s > 0 and begin_s is not None and not has_times:
+    step_s = _number(known[key][0])
+    if step_s is not None and step_s > 0 and not has_times:
+        if begin_s is None:
+            begin_s = 0.0
+            notes.append(f"{name} does not state the begin of the times, which is 0 here")
         grid = Grid(begin_s, step_s, f"{key} {known[key][0]} of {name}")
         heads = [replace(head, grid=grid) for head in heads]
     return replace(
@@ -118,22 +122,26 @@ def _unit(known: Properties) -> str | None:
     return next((text for text in texts if re.match(r"[A-Za-z]", text) and is_unit(text)), None)
 
 
-def _length(known: Properties, rows: int) -> tuple[int | None, str]:
-    """Returns (number of samples of an acquisition, time of the first one). The rows have whole
-    acquisitions, with or without the samples that the oscilloscope needs around them."""
+def _length(known: Properties, rows: int) -> tuple[int | None, float | None]:
+    """Returns (number of samples of an acquisition, time of the first one in s), None for what is
+    not known. The rows have whole acquisitions, with or without the samples that the oscilloscope
+    needs around them."""
     stated = [
-        (round(_number(known[key][0]) or 0), known.get(begin, ["0"])[0])
+        (round(_number(known[key][0]) or 0), _number(known.get(begin, [""])[0]))
         for key, begin in LENGTHS
         if key in known
     ]
     fitting = [one for one in stated if one[0] > 0 and rows % one[0] == 0]
     exact = [one for one in fitting if one[0] == rows]
     chosen = [*exact, *fitting, *stated]
-    return chosen[0] if chosen else (None, known.get("xstart", ["0"])[0])
+    return chosen[0] if chosen else (None, _number(known.get("xstart", [""])[0]))
 
 
 def _number(text: str) -> float | None:
+    """Returns the number of a property, or None for another text and a number of no size that an
+    oscilloscope has."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         return None
+    return value if value == 0 or LEAST <= abs(value) <= 1 / LEAST else None
