@@ -3,6 +3,7 @@ from known arrays, and every expected number is one of these."""
 
 import datetime
 import importlib.util
+import json
 import zipfile
 
 import numpy as np
@@ -201,6 +202,17 @@ def test_invalid_samples_and_texts_of_an_mdf_file(tmp_path):
     assert "expected an array of numbers" in refused(file, "--map", "x=State")
 
 
+def test_a_damaged_mdf_file_is_one_line(tmp_path, capfd):
+    """Its library logs errors, and prints a traceback when the object of a damaged file ends."""
+    file = measurement(tmp_path, ("", STEPS * 1e-3, [("Force", FORCE_N, "N", {})]))
+    data = file.read_bytes()
+    for damage in (data[:-1500], data[:1000], data.replace(b"##CG", b"##XX"),
+                   data.replace(b"##DT", b"##XX")):  # fmt: skip
+        file.write_bytes(damage)
+        assert "press.mf4: " in refused(file, "--map", "force=Force")
+    assert capfd.readouterr().err == ""
+
+
 def test_equal_names_of_an_mdf_file_are_told_apart(tmp_path):
     force = [("F", FORCE_N, "N", {}), ("F", -FORCE_N, "N", {})]
     file = measurement(tmp_path, ("", STEPS * 1e-3, force), ("", STEPS * 1e-3, force[:1]))
@@ -221,3 +233,22 @@ def test_without_its_package_a_format_names_the_extra(tmp_path, monkeypatch, dat
     if extra == "xlsx":
         file = workbook(tmp_path, ("A", [[1, 2]] * 9))
     assert f"pip install 'forceaxis[{extra}]'" in refused(file, "--map", "force=F:N")
+
+
+def test_what_is_in_a_file_is_listed_before_it_is_imported(tmp_path):
+    """A file has more channels than the message for a wrong name shows."""
+    signals = [(f"Channel {k}", FORCE_N, "N", {}) for k in range(20)]
+    file = measurement(tmp_path, ("fast", STEPS * 1e-3, signals), ("slow", STEPS * 2e-3, signals))
+    done = forceaxis("recording", "info", file)
+    assert done.returncode == 0
+    assert "42  slow/Channel 19  N     slow/time" in done.stdout
+    assert "`forceaxis recording info` lists all 42" in refused(file, "--map", "force=Fz")
+    file = workbook(tmp_path, PARAMETERS, ("Curve", TABLE))
+    assert "4  Travel      mm    Time" in forceaxis("recording", "info", file).stdout
+    found = json.loads(forceaxis("recording", "info", file, "--json").stdout)
+    assert [one["name"] for one in found["sources"][1]["columns"]][1:3] == ["Time", "Force 'Fz'"]
+    table = tmp_path / "t.csv"
+    table.write_text("t_s,F_N\n" + "".join(f"{k},{k}\n" for k in range(20)))
+    assert "2  F_N     N     t_s" in forceaxis("recording", "info", table).stdout
+    missing = forceaxis("recording", "info", tmp_path / "none.csv")
+    assert missing.returncode == 2 and missing.stderr.count("\n") == 1
