@@ -141,6 +141,17 @@ def test_waveforms_of_a_tdms_file_have_their_own_step_start_and_unit(tmp_path):
     assert "wf_increment 0.0005 s of Force" in said
 
 
+def test_a_waveform_without_a_start_is_named_and_others_keep_theirs(tmp_path):
+    wave = {"wf_increment": 1e-3, "wf_start_offset": 0.0}
+    late = wave | {"wf_start_time": START + np.timedelta64(100, "ms")}
+    never = wave | {"wf_start_time": np.datetime64("1904-01-01T00:00:00")}
+    file = waves(tmp_path, A__F=(FORCE_N, wave | {"wf_start_time": START}), A__G=(FORCE_N, late),
+                 A__H=(FORCE_N, never))  # fmt: skip
+    found, said = imported(file, "--map", "force=F:N,x=G:1")
+    assert [s.time_s[0] for s in found] == [0, pytest.approx(0.1, abs=1e-9)]
+    assert "no wf_start_time for A/H, whose times begin at 0" in said
+
+
 def test_a_channel_of_times_serves_its_group(tmp_path):
     file = waves(tmp_path, A__Time=(STEPS * 1e-3, {"unit_string": "s"}), A__F=(FORCE_N, {}),
                  B__Time=(STEPS * 2e-3, {"unit_string": "s"}), B__F=(-FORCE_N, {}))  # fmt: skip
