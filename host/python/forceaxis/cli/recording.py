@@ -56,8 +56,9 @@ def recording() -> None:
 
 
 def sources_of(file: Path, separator: str | None, names: Names | None = None) -> list[Source]:
-    """Return the readers for a file of any supported kind, one for each of its sections. `names`:
-    names and scales of the frames of a CAN log."""
+    """Return a reader for each section of a file with recorded data. The file may be of any
+    supported kind. `names`: names and scales of the frames of a CAN log.
+    """
     from forceaxis.commission import incident
 
     if incident.is_incident(file):

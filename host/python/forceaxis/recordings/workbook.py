@@ -39,11 +39,8 @@ def read_workbook(path: Path) -> list[Source]:
             except InputError as error:
                 errors.append(error)
     if not sources:
-        raise (
-            errors[0]
-            if errors
-            else InputError(f"{paths.display(path)}: expected a sheet, got none")
-        )
+        where = paths.display(path)
+        raise errors[0] if errors else InputError(f"{where}: expected a sheet, got none")
     for source in sources:
         source.notes += [f"not imported: {error}" for error in errors]
         source.unread = "; ".join([*filter(None, [source.unread]), *map(str, errors)])
