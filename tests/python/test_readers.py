@@ -665,7 +665,7 @@ NO_FILES = {
             "commission.tune:Tuning._claim",
             "fmu.unit:_write",
             "recordings.importing:_digest",
-            "recordings.reading:expect_log",
+            "recordings.reading:is_foreign",
         ),
         BYTES,
     ),

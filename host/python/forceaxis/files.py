@@ -101,15 +101,13 @@ class _Remarks(logging.Handler):
 def remarks(package: str) -> Iterator[list[str]]:
     """Context in which a package parses a file. Collects its warnings, which it would print."""
     texts: list[str] = []
-    handler, logger = _Remarks(texts), logging.getLogger(package)
-    before = logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
+    logger = logging.getLogger(package)
+    before = logger.propagate, logger.handlers
+    logger.propagate, logger.handlers = False, [_Remarks(texts)]
     try:
         yield texts
     finally:
-        logger.removeHandler(handler)
-        logger.propagate = before
+        logger.propagate, logger.handlers = before
 
 
 def refuse(file: Path | str, expected: str, got: str, remedy: str) -> NoReturn:

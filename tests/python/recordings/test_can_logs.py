@@ -1,6 +1,7 @@
 """Logs of CAN frames with their names from a DBC or an EDS. The frames are packed here, from known
 arrays, into the layouts of each program; every expected number is one of these arrays."""
 
+import importlib.util
 import struct
 
 import can
@@ -204,6 +205,23 @@ def test_a_log_without_a_dbc_says_what_it_needs(tmp_path):
     (tmp_path / "t.csv").write_text("t_s,F_N\n" + "".join(f"{k},{k}\n" for k in range(20)))
     said = refused(tmp_path, tmp_path / "t.csv", "--dbc", tmp_path / "bus.dbc", *MAPS)
     assert "--dbc: expected a log of candump, Vector or PEAK" in said
+
+
+def test_wrong_files_of_names_are_one_line(tmp_path):
+    file = candump_file(tmp_path)
+    (tmp_path / "wrong").write_text("[FileInfo]\n[1800]\nnothing\n")
+    for kind in ("dbc", "eds"):
+        for name in ("none", "wrong"):
+            assert name in refused(tmp_path, file, f"--{kind}", tmp_path / name, *MAPS)
+
+
+@pytest.mark.parametrize(("module", "package"), [("can", "python-can"), ("cantools", "cantools")])
+def test_without_its_packages_a_log_names_the_extra(tmp_path, monkeypatch, module, package):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n == module else find(n))
+    file = candump_file(tmp_path)
+    said = refused(tmp_path, file, "--dbc", tmp_path / "bus.dbc", *MAPS)
+    assert f"expected the package {package}" in said and "'forceaxis[can]'" in said
 
 
 def test_frames_of_another_length_are_no_frames_of_the_message(tmp_path):

@@ -15,7 +15,7 @@ from forceaxis.recordings.can_names import Names
 from forceaxis.recordings.importing import ImportRequest, import_sources
 from forceaxis.recordings.reading import read_sources
 
-FILES = 180  # files of a run; FORCEAXIS_TABLES: another number
+FILES = 120  # files of a run; FORCEAXIS_TABLES: another number
 NAMED = re.compile(
     r"damaged|cut off|lost|left out|skipped|no value|could not be read|not written|missing"
     r"|begin again|without a name|Failed|ropping|rows of numbers|not in the order"
@@ -60,7 +60,7 @@ def cut_inside(data, rng):
 def test_files_of_each_format_have_their_samples(tmp_path):
     """Not damaged: all samples, and a gap where some were left out."""
     kinds = collections.Counter()
-    for seed in range(FILES // 4):
+    for seed in range(FILES // 3):
         name, made, known, changes = foreign_files.drawn(seed)
         found = imported(tmp_path, name, made, made.data)
         assert not isinstance(found, str), f"file {seed}, {name}: {found}"

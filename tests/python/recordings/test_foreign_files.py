@@ -3,6 +3,7 @@ from known arrays, and every expected number is one of these."""
 
 import datetime
 import importlib.util
+import json
 import zipfile
 
 import numpy as np
@@ -140,6 +141,17 @@ def test_waveforms_of_a_tdms_file_have_their_own_step_start_and_unit(tmp_path):
     assert "wf_increment 0.0005 s of Force" in said
 
 
+def test_a_waveform_without_a_start_is_named_and_others_keep_theirs(tmp_path):
+    wave = {"wf_increment": 1e-3, "wf_start_offset": 0.0}
+    late = wave | {"wf_start_time": START + np.timedelta64(100, "ms")}
+    never = wave | {"wf_start_time": np.datetime64("1904-01-01T00:00:00")}
+    file = waves(tmp_path, A__F=(FORCE_N, wave | {"wf_start_time": START}), A__G=(FORCE_N, late),
+                 A__H=(FORCE_N, never))  # fmt: skip
+    found, said = imported(file, "--map", "force=F:N,x=G:1")
+    assert [s.time_s[0] for s in found] == [0, pytest.approx(0.1, abs=1e-9)]
+    assert "no wf_start_time for A/H, whose times begin at 0" in said
+
+
 def test_a_channel_of_times_serves_its_group(tmp_path):
     file = waves(tmp_path, A__Time=(STEPS * 1e-3, {"unit_string": "s"}), A__F=(FORCE_N, {}),
                  B__Time=(STEPS * 2e-3, {"unit_string": "s"}), B__F=(-FORCE_N, {}))  # fmt: skip
@@ -201,6 +213,17 @@ def test_invalid_samples_and_texts_of_an_mdf_file(tmp_path):
     assert "expected an array of numbers" in refused(file, "--map", "x=State")
 
 
+def test_a_damaged_mdf_file_is_one_line(tmp_path, capfd):
+    """Its library logs errors, and prints a traceback when the object of a damaged file ends."""
+    file = measurement(tmp_path, ("", STEPS * 1e-3, [("Force", FORCE_N, "N", {})]))
+    data = file.read_bytes()
+    for damage in (data[:-1500], data[:1000], data.replace(b"##CG", b"##XX"),
+                   data.replace(b"##DT", b"##XX")):  # fmt: skip
+        file.write_bytes(damage)
+        assert "press.mf4: " in refused(file, "--map", "force=Force")
+    assert capfd.readouterr().err == ""
+
+
 def test_equal_names_of_an_mdf_file_are_told_apart(tmp_path):
     force = [("F", FORCE_N, "N", {}), ("F", -FORCE_N, "N", {})]
     file = measurement(tmp_path, ("", STEPS * 1e-3, force), ("", STEPS * 1e-3, force[:1]))
@@ -221,3 +244,22 @@ def test_without_its_package_a_format_names_the_extra(tmp_path, monkeypatch, dat
     if extra == "xlsx":
         file = workbook(tmp_path, ("A", [[1, 2]] * 9))
     assert f"pip install 'forceaxis[{extra}]'" in refused(file, "--map", "force=F:N")
+
+
+def test_what_is_in_a_file_is_listed_before_it_is_imported(tmp_path):
+    """A file has more channels than the message for a wrong name shows."""
+    signals = [(f"Channel {k}", FORCE_N, "N", {}) for k in range(20)]
+    file = measurement(tmp_path, ("fast", STEPS * 1e-3, signals), ("slow", STEPS * 2e-3, signals))
+    done = forceaxis("recording", "info", file)
+    assert done.returncode == 0
+    assert "42  slow/Channel 19  N     slow/time" in done.stdout
+    assert "`forceaxis recording info` lists all 42" in refused(file, "--map", "force=Fz")
+    file = workbook(tmp_path, PARAMETERS, ("Curve", TABLE))
+    assert "4  Travel      mm    Time" in forceaxis("recording", "info", file).stdout
+    found = json.loads(forceaxis("recording", "info", file, "--json").stdout)
+    assert [one["name"] for one in found["sources"][1]["columns"]][1:3] == ["Time", "Force 'Fz'"]
+    table = tmp_path / "t.csv"
+    table.write_text("t_s,F_N\n" + "".join(f"{k},{k}\n" for k in range(20)))
+    assert "2  F_N     N     t_s" in forceaxis("recording", "info", table).stdout
+    missing = forceaxis("recording", "info", tmp_path / "none.csv")
+    assert missing.returncode == 2 and missing.stderr.count("\n") == 1

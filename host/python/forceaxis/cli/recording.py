@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -28,6 +28,16 @@ from forceaxis.words import counted
 SHOWN_FINDINGS = 8  # largest number of observations of one kind that are shown for one signal
 
 readable = click.Path(dir_okay=False, path_type=Path)
+
+
+dbc_option = click.option(
+    "--dbc", multiple=True, metavar="FILE",
+    help="Names and scales of the frames of a CAN log. Repeatable.",
+)  # fmt: skip
+eds_option = click.option(
+    "--eds", multiple=True, metavar="[NODE=]FILE",
+    help="EDS or DCF of a node, whose PDOs name the frames of a CAN log. Repeatable.",
+)  # fmt: skip
 
 
 @click.group(
@@ -63,7 +73,8 @@ def sources_of(file: Path, separator: str | None, names: Names | None = None) ->
     epilog="""forceaxis recording import scope.csv --map force=Fz:N,position=pos:mm --out touch
     forceaxis recording import robot.csv --map force=-F_N --delay force=2ms --out robot
     forceaxis recording import out/incident/incident.json \\
-    --map force=force_N,code=dac_code,enabled=enabled --out fault""",
+    --map force=force_N,code=dac_code,enabled=enabled --out fault
+    forceaxis recording import bus.log --dbc bus.dbc --map force=Press.Force --out bus""",
 )
 @click.argument("file", type=readable)
 @click.option(
@@ -91,14 +102,8 @@ def sources_of(file: Path, separator: str | None, names: Names | None = None) ->
     help="Leave out samples that leave a signal and come back at once, which are named anyway.",
 )  # fmt: skip
 @click.option("--separator", help="Character between the columns of CSV. Default: found.")
-@click.option(
-    "--dbc", multiple=True, metavar="FILE",
-    help="Names and scales of the frames of a CAN log. Repeatable.",
-)  # fmt: skip
-@click.option(
-    "--eds", multiple=True, metavar="[NODE=]FILE",
-    help="EDS or DCF of a node, whose PDOs name the frames of a CAN log. Repeatable.",
-)  # fmt: skip
+@dbc_option
+@eds_option
 @click.option("--title", default="", help="Title of the recording. Default: the name of FILE.")
 @click.option(
     "--out",
@@ -124,8 +129,10 @@ def import_(
     as_json: bool,
 ) -> None:
     """Import the signals of a recording from FILE: text tables of any dialect (CSV, also of
-    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), STM32CubeMonitor, NPZ, Parquet, MCAP, an
-    LCM log, a recording of the axis' own recorder, or an incident.
+    oscilloscopes, TwinCAT Scope, LabVIEW and STM Studio), xlsx, NPZ, Parquet, TDMS, MDF, MCAP with
+    JSON or ROS 2, logs of STM32CubeMonitor or of a CAN bus (candump, asc, blf, trc), an LCM log, a
+    recording of the axis' own recorder, or an incident. `forceaxis recording info FILE` lists its
+    columns.
 
     SIGNAL is a name of small letters. These names have a meaning for other commands: force,
     position, speed, current, torque, code (DAC code of the firmware), enabled, voltage_command,
@@ -173,19 +180,25 @@ def former_recordings(name: Path, source: str, written: list[Path]) -> list[Path
 
 @recording.command(
     epilog="""forceaxis recording info touch.npz
-    forceaxis recording info out/axis2.log"""
+    forceaxis recording info out/axis2.log
+    forceaxis recording info bus.asc --dbc bus.dbc"""
 )
 @click.argument("file", type=readable)
+@dbc_option
+@eds_option
 @as_json
-def info(file: Path, as_json: bool) -> None:
+def info(file: Path, dbc: tuple[str, ...], eds: tuple[str, ...], as_json: bool) -> None:
     """Show what a recorded file contains.
+
+    For a file of another program: its columns or channels with their units, and where their times
+    come from, as `forceaxis recording import` sees them.
 
     For a recording of signals: where they come from, and their gaps, spikes, jumps, saturation
     and constant stretches. For a log of LCM messages: the time span, and for each channel the type
     of the messages, their number, their rate per second and the number of lost messages. A log that
     is damaged or incomplete is read as far as possible. One line names what was skipped.
     """
-    if file.suffix == ".npz" or signal_recording.is_recording(file):
+    if signal_recording.is_recording(file):
         found = signal_recording.read(file)
         if as_json:
             print_json(summary(found))
@@ -196,10 +209,62 @@ def info(file: Path, as_json: bool) -> None:
     from forceaxis.cli.buses_text import log_text
     from forceaxis.recordings import reading
 
-    reading.expect_log(file)
+    if reading.is_foreign(file):
+        contents = [SourceContent.of(one) for one in sources_of(file, None, Names(dbc, eds))]
+        if as_json:
+            print_json({"sources": [to_json(one) for one in contents]})
+        else:
+            click.echo("\n\n".join(one.text for one in contents))
+        return
     log = recordings.info(file)
     print_result(log, as_json, lambda: log_text(log))
     report_damage(log.damage)
+
+
+@dataclass(frozen=True)
+class SourceColumnContent:
+    """A column of a file of another program."""
+
+    number: int  #: number from 1, by which the column can be chosen
+    name: str
+    unit: str  #: unit that the file states, or ""
+    times: str  #: column or key of the file with its times, or ""
+
+
+@dataclass(frozen=True)
+class SourceContent:
+    """What a file of another program, or one of its sections, contains."""
+
+    where: str
+    kind: str
+    notes: tuple[str, ...]
+    columns: tuple[SourceColumnContent, ...]
+
+    @classmethod
+    def of(cls, source: Source) -> "SourceContent":
+        """Return the content of a source."""
+        common = source.time_place()
+
+        def times(place: int) -> str:
+            head = source.heads[place]
+            time = head.time if head.time is not None else None if head.grid else common
+            if time is not None and time != place:
+                return source.heads[time].name
+            return head.grid.text if head.grid is not None and time is None else ""
+
+        columns = tuple(
+            SourceColumnContent(place + 1, head.name, head.unit or "", times(place))
+            for place, head in enumerate(source.heads)
+        )
+        return cls(source.where, source.kind, tuple(source.notes), columns)
+
+    @property
+    def text(self) -> str:
+        """The content as text."""
+        head = ("#", "column", "unit", "times")
+        rows = [head, *((str(c.number), c.name, c.unit, c.times) for c in self.columns)]
+        lines = [f"source       {self.where}, {self.kind}", *aligned(rows, (1, 2, 3))]
+        return "\n".join([*lines, *(f"note         {note}" for note in self.notes)])
 
 
 def report_damage(damage: str | None) -> None:

@@ -29,7 +29,7 @@ SCREEN_LINE = re.compile(
     r"(?P<id>[0-9A-F]{8}|[0-9A-F]{3}) +\[(?P<length>\d+)\] *"
     r"(?P<data>remote request|([0-9A-F]{2} ?)*)( *(ERRORFRAME|'.*))?$"
 )
-ASC_START = re.compile(r"(date\s+\w|base\s+(hex|dec)\b)", re.IGNORECASE)
+ASC_START = re.compile(r"(date\s+\w+\.?\s+\w+\.?\s+\d|base\s+(hex|dec)\b)", re.IGNORECASE)
 TRC_START = re.compile(r";\s*(\$FILEVERSION=|Start time:)")
 # A frame in a line of asc, and one that was only requested
 ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+[0-9A-Fa-f]+x?|CANFD\s+\d+)\s.*?\b(Rx|Tx|TxRq)\b")

@@ -224,7 +224,7 @@ def _expect_one_clock(signals: Sequence[RecordedSignal], where: str) -> None:
     )
     if last[0] - first[1] > APART * longest:
         raise InputError(
-            f"{where}: expected signals of one clock, got {early.name} from {first[0]:.6g} to "
+            f"{where}: expected signals of the same time, got {early.name} from {first[0]:.6g} to "
             f"{first[1]:.6g} s and {late.name} from {last[0]:.6g} to {last[1]:.6g} s; import them "
             "one by one, or choose their times by `time`"
         )

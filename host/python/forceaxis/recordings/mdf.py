@@ -26,11 +26,11 @@ def read_mdf(path: Path) -> Source:
     """Returns the channels of a measurement file as a source. If the file has several groups of
     channels, their names are GROUP/CHANNEL. Raises InputError."""
     expect_package(paths.display(path), "asammdf", "asammdf", "mdf")
-    with files.parsing(path, "a measurement file (MDF)", REMEDY), files.remarks("asammdf") as said:
-        from asammdf import MDF  # takes a second
-        from asammdf.blocks.mdf_v4 import MDF4
+    from asammdf import MDF  # takes a second
+    from asammdf.blocks.mdf_v4 import MDF4
 
-        setattr(MDF4, "__del__", _quiet_end)  # noqa: B010
+    setattr(MDF4, "__del__", _quiet_end)  # noqa: B010
+    with files.parsing(path, "a measurement file (MDF)", REMEDY), files.remarks("asammdf") as said:
         # The library completes an unfinished file in its place, so it gets a copy of it.
         stream = path.open("rb")
         is_finished = not stream.read(len(UNFINISHED)).startswith(UNFINISHED)
@@ -87,8 +87,11 @@ class _Mdf(ArraySource):
         """Returns the physical values of a channel, NaN where the file says that they are invalid.
         Raises InputError."""
         name = self._file.groups[group].channels[index].name
-        with files.parsing(self._path, f"values of {name}", REMEDY), files.remarks("asammdf"):
-            signal = self._file.get(group=group, index=index, ignore_invalidation_bits=True)
+        with files.parsing(self._path, f"values of {name}", REMEDY):
+            with files.remarks("asammdf") as said:
+                signal = self._file.get(group=group, index=index, ignore_invalidation_bits=True)
+            if said:
+                raise ValueError(said[0])
         values = np.asarray(signal.samples)
         stated = self._file.groups[group].channel_group.cycles_nr
         if len(values) != stated:

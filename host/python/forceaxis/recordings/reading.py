@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forceaxis import files, paths
 from forceaxis._core import InputError
-from forceaxis.bus.recordings import MCAP_MAGIC
+from forceaxis.bus.recordings import MCAP_MAGIC, reader_of
 from forceaxis.errors import ParameterError
 from forceaxis.recordings import can_log, cube_monitor
 from forceaxis.recordings.can_names import Names, source_of
@@ -67,18 +67,18 @@ FOREIGN = (
 )
 
 
-def expect_log(path: Path) -> None:
-    """Raises InputError if a file is a table of another program, because such a file has to be
-    imported before it can be used as a recording."""
-    if not path.is_file():  # A missing file is reported by the function that reads the log.
-        return
+def is_foreign(path: Path) -> bool:
+    """Returns True if a file is of another program and has to be imported before it can be used as
+    a recording. A log with LCM messages can be used."""
+    if not path.is_file() or is_recording(path):  # A missing file is reported by its reader.
+        return False
     with path.open("rb") as file:
-        start = file.read(64)
-    if path.suffix.lower() in TABLES or start.startswith((b"PK", b"PAR1")):
-        raise InputError(
-            f"{paths.display(path)}: expected a recording or a log, got a file of another program; "
-            "`import_recording` makes a recording of it"
-        )
+        start = file.read(can_log.HEAD_BYTES)
+    if start.startswith(MCAP_MAGIC):
+        reader = reader_of(path)
+        return not any(True for _ in reader) and bool(getattr(reader, "others", {}))
+    is_known = any(start.startswith(mark) for mark, _ in READERS if mark != LCM_MARK)
+    return is_known or path.suffix.lower() in TABLES or can_log.reader_of(start) is not None
 
 
 def read_sources(

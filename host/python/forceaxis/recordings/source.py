@@ -135,6 +135,8 @@ class Source(abc.ABC):
         known = self.names()
         few = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
         hint = self.unread or "write one of these names"
+        if len(known) > 12:
+            hint += f"; `list_columns` lists all {len(known)}"
         raise ParameterError(
             parameter,
             f"expected a column of {self.where} ({few or 'none'}), got {text}"
@@ -205,7 +207,8 @@ class ArraySource(Source):
                 f"{self.where}: {self.heads[place].name}: expected numbers, got times of a "
                 "calendar; choose another column"
             )
-        values = given.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # NaN of a damaged file may be one that signals
+            values = given.astype(np.float64)
         head = self.heads[place]
         return expect_finite(self.where, SourceColumn(head.name, head.unit, values))
 

@@ -35,12 +35,13 @@ def read_tdms(path: Path) -> Source:
     from nptdms.log import log_manager
 
     log_manager.console_handler.setLevel(logging.CRITICAL)
+    notes: list[str] = []
     with files.parsing(path, "a TDMS file", REMEDY), files.remarks("nptdms") as remarks:
         # From an open file, the library does not read an index beside it, which may be an old one.
         file = nptdms.TdmsFile.open(path.open("rb"))
         groups = [group.channels() for group in file.groups()]
         channels = [channel for group in groups for channel in group]
-        begins_s = _begins_s(channels)
+        begins_s = _begins_s(channels, notes)
         heads = [
             head
             for group in groups
@@ -50,6 +51,7 @@ def read_tdms(path: Path) -> Source:
             remarks.append("its last segment is not complete, so samples may be lost")
     source = ArraySource(path, "TDMS", heads, [partial(_array, path, one) for one in channels])
     source.is_whole = True
+    source.notes += notes
     source.notes += [f"damaged or cut off: {remark}" for remark in remarks]
     return source
 
@@ -108,17 +110,19 @@ def _grid(channel: Any, begin_s: float) -> Grid | None:
     return Grid(begin_s + offset_s, step_s, text)
 
 
-def _begins_s(channels: Sequence[Any]) -> dict[str, float]:
-    """Returns {path of a channel: start of its waveform in s after the first start}, if all
-    waveforms of a file have a start."""
-    waves = [channel for channel in channels if channel.properties.get(STEP)]
+def _begins_s(channels: Sequence[Any], remarks: list[str]) -> dict[str, float]:
+    """Returns {path of a channel: start of its waveform in s after the first start}. `remarks`:
+    receives which waveforms have no start, although others have one."""
     starts: dict[str, Any] = {}
-    for channel in waves:
+    without: list[str] = []
+    for channel in channels:
         start = channel.properties.get(START)
         if isinstance(start, np.datetime64) and start > FIRST_START:
-            starts[channel.path] = start
-    if len(starts) != len(waves) or not starts:
-        return {}
-    first = min(starts.values())
-    return {path: float((start - first).astype("m8[ns]").astype(np.int64)) * 1e-9
-            for path, start in starts.items()}  # fmt: skip
+            starts[channel.path] = start.astype("M8[ns]")
+        elif channel.properties.get(STEP):
+            without.append(f"{channel.group_name}/{channel.name}")
+    if starts and without:
+        few = ", ".join(without[:4]) + (", ..." if len(without) > 4 else "")
+        remarks.append(f"no {START} for {few}, whose times begin at 0")
+    first = min(starts.values(), default=None)
+    return {path: float((start - first).astype(np.int64)) * 1e-9 for path, start in starts.items()}

@@ -3,6 +3,7 @@ known, and is read by the rules of text tables: a row of the sheet is the line w
 
 import datetime
 import tempfile
+import warnings
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,6 +32,7 @@ def read_workbook(path: Path) -> list[Source]:
     with (
         files.parsing(path, "a workbook (xlsx)", "save it again, or save the sheet as CSV"),
         path.open("rb") as stream,
+        warnings.catch_warnings(action="ignore"),  # of names and styles, which are not read
     ):
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
         for sheet in book.worksheets:
@@ -39,11 +41,8 @@ def read_workbook(path: Path) -> list[Source]:
             except InputError as error:
                 errors.append(error)
     if not sources:
-        raise (
-            errors[0]
-            if errors
-            else InputError(f"{paths.display(path)}: expected a sheet, got none")
-        )
+        where = paths.display(path)
+        raise errors[0] if errors else InputError(f"{where}: expected a sheet, got none")
     for source in sources:
         source.notes += [f"not imported: {error}" for error in errors]
         source.unread = "; ".join([*filter(None, [source.unread]), *map(str, errors)])
