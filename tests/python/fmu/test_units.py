@@ -32,6 +32,11 @@ def written(tmp_path_factory):
 @pytest.mark.parametrize("which", EVERY)
 def test_fmpy_finds_no_fault(which, written):
     assert fmpy.validation.validate_fmu(str(written[which])) == []
+    about = fmpy.read_model_description(str(written[which])).coSimulation
+    assert about.canHandleVariableCommunicationStepSize
+    # What FMI 3.0 gives a simulator only if the unit says so.
+    assert not (about.hasEventMode or about.mightReturnEarlyFromDoStep)
+    assert not about.canReturnEarlyAfterIntermediateUpdate
 
 
 @pytest.mark.parametrize("which", EVERY)
@@ -152,8 +157,12 @@ def test_a_wrong_step_is_one_line_of_the_logger(which, written):
         one.start()
         one.step(0)
         for point_s, step_s, says in (
-            (1 / 1500, 0.001, "step size: expected a whole number of ticks of 1/1500 s, got 0.001"),
-            (0.5, 1 / 1500, "communication point: expected 0.0006666666666666666 s (tick 1)"),
+            (
+                1 / 1500,
+                0.0,
+                "step size: expected above 0 s and at most 666666.6666666666 s, got 0 s",
+            ),
+            (0.5, 1 / 1500, "communication point: expected 0.0006666666666666666 s, got 0.5 s"),
         ):
             with pytest.raises(fmpy.fmi1.FMICallException) as error:
                 one.do_step(point_s, step_s)
