@@ -113,6 +113,30 @@ def test_equal_units_have_equal_bytes(written, tmp_path):
     assert fmus.Fmpy(other).token != fmus.Fmpy(again).token
 
 
+@pytest.mark.parametrize(
+    ("version", "folders"),
+    [("2.0", ["linux64", "win64"]), ("3.0", ["x86_64-linux", "x86_64-windows"])],
+)
+def test_a_library_for_windows_is_in_the_unit_if_it_has_the_same_sources(
+    version, folders, tmp_path, monkeypatch
+):
+    windows = tmp_path / "forceaxis_fmu.dll"
+    monkeypatch.setattr(unit, "WINDOWS_LIBRARY", windows)
+    (own,) = unit.SOURCES.findall(unit.LIBRARY.read_bytes())
+
+    def platforms():
+        file = fmus.write("plant", "laboratory", tmp_path / "unit.fmu", version)
+        with zipfile.ZipFile(file) as archive:
+            return [n.split("/")[1:] for n in archive.namelist() if n.startswith("binaries/")]
+
+    alone = platforms()
+    assert alone == [[folders[0], "forceaxis_fmu.so"]]
+    windows.write_bytes(b"MZ forceaxis sources " + b"0" * 64)
+    assert platforms() == alone
+    windows.write_bytes(b"MZ forceaxis sources " + own)
+    assert platforms() == [*alone, [folders[1], "forceaxis_fmu.dll"]]
+
+
 def test_the_library_needs_only_the_libraries_of_c():
     done = subprocess.run(
         ["readelf", "-d", unit.LIBRARY], capture_output=True, text=True, check=True

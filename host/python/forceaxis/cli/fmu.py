@@ -129,6 +129,7 @@ def show(done: "Written", as_json: bool) -> None:
             f"unit         {done.kind}{of}, FMI {done.version}\n"
             f"variables    {done.inputs} inputs, {done.outputs} outputs, "
             f"{done.parameters} parameters\n"
+            f"platforms    {', '.join(done.platforms)}\n"
             f"files        {paths.quoted(done.file)}"
         )
 
