@@ -52,10 +52,12 @@ OTHER_FILES = {
     # Files that are generated for other programs.
     "objects/generated/forceaxis.eds",
     "objects/generated/forceaxis.dbc",
+    "objects/generated/forceaxis-gateway.dbc",
+    "objects/generated/forceaxis-gateway.dcf",
     "objects/generated/forceaxis-bus.yml",
     "objects/generated/forceaxis-modbus.csv",
 }
-HOST_ONLY = "objects/generated/axis_objects_meta.h"
+HOST_ONLY = ("objects/generated/axis_gateway.h", "objects/generated/axis_objects_meta.h")
 SOURCE_SUFFIXES = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".cxx", ".inc", ".inl", ".ipp")
 # The parts of the project whose headers each part may include.
 ROOTS = {"firmware": ("firmware/",), "sim": ("sim/",), "host": ("firmware/", "sim/", "host/")}
@@ -216,7 +218,7 @@ def check_text(path, folder, findings):
                 )
         elif not header.startswith(tuple("firmware/" + f for f in MAY_INCLUDE[folder])):
             findings.add(path, line, "layering", f"firmware/{folder} must not include {header}")
-        elif header == "firmware/" + HOST_ONLY:
+        elif header.removeprefix("firmware/") in HOST_ONLY:
             findings.add(path, line, "layering", f"{header} is for the host")
     # The remaining text consists of declarations and statements.
     body = re.sub(HASH + r"[ \t]*include\b[^\n]*", "", code, flags=re.M)
@@ -416,7 +418,7 @@ def main(argv=None):
         folder = folder_of(name)
         if path.is_symlink():
             findings.add(path, 0, "folder", "expected no symbolic link")
-        elif path.is_dir() or name in OTHER_FILES or name == HOST_ONLY or folder == PORTS:
+        elif path.is_dir() or name in OTHER_FILES or name in HOST_ONLY or folder == PORTS:
             continue
         elif folder is None:
             findings.add(path, 0, "folder", "not in a folder of the firmware that is checked")

@@ -10,8 +10,10 @@ Reads firmware/objects/axis_objects.toml, and what 0.1.0 stored in released/ bes
   firmware/objects/generated/axis_objects.h        all parts, number of objects, hashes
   firmware/objects/generated/axis_objects.c        descriptor tables: no strings, no float
   firmware/objects/generated/axis_objects_meta.h   host, Python: names, units, scales, texts, hash
+  firmware/objects/generated/axis_gateway.h        host: how a gateway configures an axis
   firmware/objects/generated/forceaxis.eds         for CANopen masters, CiA 306
-  firmware/objects/generated/forceaxis.dbc         the default PDOs of nodes 1 to 6
+  firmware/objects/generated/forceaxis.dbc         the frames of nodes 1 to 6
+  firmware/objects/generated/forceaxis-gateway.*   DBC of a bus with a gateway, DCF of an axis
   firmware/objects/generated/forceaxis-bus.yml     a bus with one axis, for ros2_canopen
   firmware/objects/generated/forceaxis-modbus.csv  registers and bits
   docs/objects/                                    the manual's pages

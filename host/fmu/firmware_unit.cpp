@@ -140,16 +140,8 @@ class FirmwareUnit final : public Unit {
 
   void initialise() override {}
 
-  void tick() override {
-    const std::size_t refused = writes_->refused().size();
-    if (writes_->due(tick_)) writes_->write_due(tick_, writer());
-    for (std::size_t i = refused; i < writes_->refused().size(); ++i) {
-      const host::Refusal &refusal = writes_->refused()[i];
-      warnings_.push_back("tick " + std::to_string(refusal.tick) + ": the firmware refused " +
-                          refusal.object + ": " + refusal.reason);
-    }
-    fw_tick(&memory_->fw, &inputs_, &outputs_);
-    ++tick_;
+  void advance(double end) override {
+    while (static_cast<double>(tick_) < end) tick();
   }
 
   void reset() override {
@@ -191,6 +183,19 @@ class FirmwareUnit final : public Unit {
     axis_outputs_t outputs{};
     std::int64_t tick = 0;
   };
+
+  // Computes one tick with the present inputs.
+  void tick() {
+    const std::size_t refused = writes_->refused().size();
+    if (writes_->due(tick_)) writes_->write_due(tick_, writer());
+    for (std::size_t i = refused; i < writes_->refused().size(); ++i) {
+      const host::Refusal &refusal = writes_->refused()[i];
+      warnings_.push_back("tick " + std::to_string(refusal.tick) + ": the firmware refused " +
+                          refusal.object + ": " + refusal.reason);
+    }
+    fw_tick(&memory_->fw, &inputs_, &outputs_);
+    ++tick_;
+  }
 
   // Initialises the firmware and writes the initial values of the experiment.
   void power_up() {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <exception>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -45,10 +46,15 @@ void log(const Component &to, Status status, const std::string &text) {
 
 fmi2Status answer(Status status) { return static_cast<fmi2Status>(status); }
 
+// Returns the path that a text in UTF-8 is.
+std::filesystem::path path_in_utf8(std::string_view text) {
+  return std::u8string(text.begin(), text.end());
+}
+
 // Converts a URI of a file to a path. A text without scheme is a path already.
-std::string path_of(std::string_view uri) {
+std::filesystem::path path_of(std::string_view uri) {
   constexpr std::string_view kScheme = "file:";
-  if (!uri.starts_with(kScheme)) return std::string(uri);
+  if (!uri.starts_with(kScheme)) return path_in_utf8(uri);
   uri.remove_prefix(kScheme.size());
   if (uri.starts_with("//")) {
     uri.remove_prefix(2);
@@ -66,7 +72,9 @@ std::string path_of(std::string_view uri) {
       path += uri[i];
     }
   }
-  return path;
+  // On Windows, a slash stands before the letter of the drive.
+  if (path.size() > 2 && path[0] == '/' && path[2] == ':') path.erase(0, 1);
+  return path_in_utf8(path);
 }
 
 template <class Value>

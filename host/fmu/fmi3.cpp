@@ -6,6 +6,7 @@
 #include <exception>
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "host/fmu/instance.hpp"
 
@@ -84,7 +85,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
   };
   try {
     if (resources == nullptr) throw std::invalid_argument("expected the folder of the resources");
-    return new Instance(resources, token, log);
+    const std::string_view text(resources);  // in UTF-8
+    return new Instance(std::u8string(text.begin(), text.end()), token, log);
   } catch (const std::exception &error) {
     log(Status::error, error.what());
     return nullptr;

@@ -93,17 +93,17 @@ Status Instance::step(double point_s, double step_s) {
   return guarded([&] {
     expect(phase_ == Phase::stepping, "step: expected an instance that is initialized");
     expect(!failed_, "step: the simulation has failed before; reset the instance");
-    for (std::int64_t left = clock_.ticks(point_s, step_s); left > 0; --left) {
-      failed_ = true;
-      try {
-        unit_->tick();
-      } catch (const ValueRefused &refused) {
-        failed_ = false;
-        throw WrongCall(refused.what());
-      }
+    TickClock after = clock_;
+    after.advance(point_s, step_s);
+    failed_ = true;
+    try {
+      unit_->advance(after.now());
+    } catch (const ValueRefused &refused) {
       failed_ = false;
-      clock_.advance();
+      throw WrongCall(refused.what());
     }
+    failed_ = false;
+    clock_ = after;
   });
 }
 

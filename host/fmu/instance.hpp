@@ -30,7 +30,7 @@ class Instance {
   Status exit_initialization();
   Status terminate();
   Status reset();
-  // Computes all ticks of a communication step.
+  // Computes a communication step of any length.
   Status step(double point_s, double step_s);
   double time_s() const { return clock_.time_s(); }
 

@@ -36,6 +36,11 @@ double code_value(const SensorCodes &codes, std::size_t code) {
   }
 }
 
+bool are_same(const Plant::Inputs &a, const Plant::Inputs &b) {
+  return a.dac_code == b.dac_code && a.amp_enable == b.amp_enable &&
+         a.brake_release == b.brake_release;
+}
+
 constexpr std::size_t kInputs = 3;  // number of inputs: dac_code, amp_enable, brake_release
 
 class PlantUnit final : public Unit {
@@ -63,7 +68,10 @@ class PlantUnit final : public Unit {
   double get(std::size_t variable) override {
     if (variable < first_code_ || variable >= seed_) return values_[variable];
     build();
-    if (variable >= first_signal_) return plant_->signal_at(variable - first_signal_);
+    if (variable >= first_signal_) {
+      const std::size_t signal = variable - first_signal_;
+      return within_.empty() ? plant_->signal_at(signal) : within_[signal];
+    }
     return code_value(codes_, variable - first_code_);
   }
 
@@ -78,23 +86,37 @@ class PlantUnit final : public Unit {
 
   void initialise() override { build(); }
 
-  void tick() override {
+  void advance(double end) override {
     const int code = static_cast<int>(values_[0]);
     if (code < -top_ || code >= top_)
       throw ValueRefused("dac_code: expected a code from " + std::to_string(-top_) + " to " +
                          std::to_string(top_ - 1) + ", got " + std::to_string(code));
-    for (std::size_t i = 0; i < impulse_bodies_.size(); ++i) {
-      const double impulse = values_[kInputs + i];
-      if (impulse != 0.0) plant_->apply_impulse(impulse_bodies_[i], impulse);
+    Plant::Inputs inputs{0.0, code, values_[1] != 0.0, values_[2] != 0.0};
+    while (now_ < end) {
+      const auto tick = static_cast<double>(plant_->tick());
+      inputs.at = now_ - tick;
+      if (now_ == tick) apply_impulses();
+      if (in_tick_.empty() || !are_same(in_tick_.back(), inputs)) in_tick_.push_back(inputs);
+      now_ = std::min(end, tick + 1.0);
+      if (now_ < tick + 1.0) {
+        within_.resize(seed_ - first_signal_);
+        plant_->signals_within(in_tick_, now_ - tick, within_);
+        continue;
+      }
+      plant_->step(in_tick_);
+      codes_ = plant_->codes();
+      in_tick_.clear();
+      within_.clear();
     }
-    plant_->step(code, values_[1] != 0.0, values_[2] != 0.0);
-    codes_ = plant_->codes();
   }
 
   void reset() override {
     values_.resize(variables_.size());
     for (std::size_t i = 0; i < variables_.size(); ++i) values_[i] = variables_[i].start;
     plant_.reset();
+    now_ = 0.0;
+    in_tick_.clear();
+    within_.clear();
   }
 
   std::unique_ptr<State> state() override {
@@ -103,6 +125,9 @@ class PlantUnit final : public Unit {
     copy->plant = plant_;
     copy->codes = codes_;
     copy->top = top_;
+    copy->now = now_;
+    copy->in_tick = in_tick_;
+    copy->within = within_;
     return copy;
   }
   void restore(const State &state) override {
@@ -114,6 +139,9 @@ class PlantUnit final : public Unit {
       plant_.reset();
     codes_ = copy.codes;
     top_ = copy.top;
+    now_ = copy.now;
+    in_tick_ = copy.in_tick;
+    within_ = copy.within;
   }
 
  private:
@@ -122,7 +150,17 @@ class PlantUnit final : public Unit {
     std::optional<Plant> plant;
     SensorCodes codes;
     int top = 0;
+    double now = 0.0;
+    std::vector<Plant::Inputs> in_tick;
+    std::vector<double> within;
   };
+
+  void apply_impulses() {
+    for (std::size_t i = 0; i < impulse_bodies_.size(); ++i) {
+      const double impulse = values_[kInputs + i];
+      if (impulse != 0.0) plant_->apply_impulse(impulse_bodies_[i], impulse);
+    }
+  }
 
   void list_inputs(const sim::Model &model) {
     variables_ = {
@@ -184,7 +222,12 @@ class PlantUnit final : public Unit {
   // Codes of this tick. Plant::codes() is called once in each tick, because it reads the index
   // pulse.
   SensorCodes codes_;
-  int top_ = 0;  // number of DAC codes from 0 to the largest positive code
+  int top_ = 0;       // number of DAC codes from 0 to the largest positive code
+  double now_ = 0.0;  // present time in ticks
+  // The inputs since the last tick, and the signals at this instant. Both are empty at a tick. The
+  // plant is then simulated from tick to tick, so parts of a tick do not change its doubles.
+  std::vector<Plant::Inputs> in_tick_;
+  std::vector<double> within_;
 };
 
 }  // namespace

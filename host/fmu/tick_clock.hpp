@@ -1,8 +1,9 @@
 #pragma once
 // Converts the communication points of an importer to ticks of 1/1500 s. The length of a tick is
-// not a binary fraction of a second, so a communication point is rounded to the nearest tick.
+// not a binary fraction of a second, so a communication point that is a tick but for rounding is
+// taken as this tick.
+#include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <stdexcept>
 #include <string>
 
@@ -17,37 +18,45 @@ struct StepRefused : std::runtime_error {
 
 class TickClock {
  public:
-  // Largest deviation of a step from a whole number of ticks, as a fraction of the step. A step of
-  // one tick that is rounded down to whole nanoseconds deviates by 1e-6.
+  // A step that begins at a tick and deviates by at most this fraction from a whole number of ticks
+  // ends at a tick. A step of one tick that is rounded down to whole nanoseconds deviates by 1e-6.
+  // So an importer that counts nanoseconds gets a tick in each step, and where its deviations have
+  // added up to half a tick, a step with one tick more or less.
   static constexpr double kTolerance = 2e-6;
+  // Largest deviation, in ticks, of any other communication point that is taken as a tick.
+  static constexpr double kRounding = 1e-6;
   static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step of the importer
 
   explicit TickClock(double start_s = 0.0) : start_s_(start_s) {}
 
-  std::int64_t tick() const { return tick_; }
+  // Returns the present time in ticks; at a tick, this is a whole number.
+  double now() const { return now_; }
   // Returns the time in s at which the next step begins.
-  double time_s() const { return start_s_ + static_cast<double>(tick_) / sim::kTickRateHz; }
-  void advance() { ++tick_; }
+  double time_s() const { return start_s_ + now_ / sim::kTickRateHz; }
 
-  // Returns the number of ticks of a step that begins at a communication point. Throws StepRefused.
-  std::int64_t ticks(double point_s, double step_s) const {
+  // Advances the time by a step that begins at a communication point. Throws StepRefused.
+  void advance(double point_s, double step_s) {
     const double count = step_s * sim::kTickRateHz;
-    const double whole = std::round(count);
-    if (!(whole >= 1.0 && whole <= kTicksMax && std::abs(count - whole) <= kTolerance * whole))
-      throw StepRefused("step size: expected a whole number of ticks of 1/1500 s, got " +
-                        sim::number_text(step_s) + " s, which is " + sim::number_text(count) +
-                        " ticks; use a multiple of 1/1500 s in double precision");
-    const double at = (point_s - start_s_) * sim::kTickRateHz;
-    if (!(std::abs(at - static_cast<double>(tick_)) < 0.5))
-      throw StepRefused("communication point: expected " + sim::number_text(time_s()) +
-                        " s (tick " + std::to_string(tick_) + "), got " +
+    if (!(count > 0.0 && count <= kTicksMax))
+      throw StepRefused("step size: expected above 0 s and at most " +
+                        sim::number_text(kTicksMax / sim::kTickRateHz) + " s, got " +
+                        sim::number_text(step_s) + " s");
+    const double begin = (point_s - start_s_) * sim::kTickRateHz;
+    if (!(std::abs(begin - reached_) < 0.5 * std::min(1.0, count)))
+      throw StepRefused("communication point: expected " + sim::number_text(time_s()) + " s, got " +
                         sim::number_text(point_s) + " s; continue where the last step has ended");
-    return static_cast<std::int64_t>(whole);
+    const double end = begin + count;
+    const double ticks = std::round(count), nearest = std::round(end);
+    const bool is_whole =
+        now_ == std::floor(now_) && ticks >= 1.0 && std::abs(count - ticks) <= kTolerance * ticks;
+    now_ = std::max(now_, is_whole || std::abs(end - nearest) <= kRounding ? nearest : end);
+    reached_ = end;
   }
 
  private:
   double start_s_;
-  std::int64_t tick_ = 0;
+  double now_ = 0.0;
+  double reached_ = 0.0;  // end of the last step in ticks, as the importer states it
 };
 
 }  // namespace forceaxis::fmu

@@ -5,7 +5,10 @@
 //
 // In one tick of the loop, the firmware unit makes a step, its new outputs are set as inputs of the
 // plant unit, and the plant unit makes a step. With this order, the codes are equal to the codes in
-// a run of forceaxis. A unit has no data in common with another unit.
+// a run of forceaxis. A step can also be a part of a tick or several ticks. The firmware computes
+// each tick at which the step begins or that lies within the step, and holds its outputs until the
+// next tick. The signals of the plant are those of any instant, and its codes those of the last
+// tick. A unit has no data in common with another unit.
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -58,10 +61,11 @@ class Unit {
   // Ends the initialization. After this call, the fixed parameters cannot be changed. Throws
   // sim::InputError.
   virtual void initialise() = 0;
-  // Computes one tick with the present inputs. Throws ValueRefused if an input is outside its
-  // range; in this case, nothing has changed. Throws sim::SimulationError if the simulation fails;
-  // after this, only reset() may be called.
-  virtual void tick() = 0;
+  // Simulates with the present inputs until the time `end` in ticks, which is not before the end of
+  // the last call. Throws ValueRefused if an input is outside its range; in this case, nothing has
+  // changed. Throws sim::SimulationError if the simulation fails; after this, only reset() may be
+  // called.
+  virtual void advance(double end) = 0;
   // Returns to the state after the creation.
   virtual void reset() = 0;
 

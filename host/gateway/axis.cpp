@@ -18,26 +18,19 @@ constexpr std::uint8_t kStart = 1, kEnterPreOperational = 128;
 // Number of periods without heartbeat after which the axis is reported as lost.
 constexpr int kLateHeartbeats = 3;
 
-// The process data objects (PDOs) from which the message AXIS_n_STATE is made. The first two PDOs
-// are active in a node by default. The gateway activates the other PDOs and maps the remaining
-// values of the state to them.
-struct PdoPlan {
-  std::uint32_t cob_id;
-  std::uint8_t transmission;
-  std::uint16_t event_ms;
-  std::array<std::uint16_t, 4> objects;
-};
+// The process data objects (PDOs) from which the message AXIS_n_STATE is made. The gateway
+// activates them with their default identifiers.
+constexpr int kLastPdo = AXIS_GATEWAY_TPDO_COUNT - 1;
 
-constexpr std::array<PdoPlan, 4> kPlans{{
-    {0x180, 255, 20, {AXIS_OBJ_STATUSWORD, AXIS_OBJ_MODES_OF_OPERATION_DISPLAY}},
-    {0x280, 1, 0, {AXIS_OBJ_POSITION_ACTUAL, AXIS_OBJ_VELOCITY_ACTUAL}},
-    {0x380, 1, 0, {AXIS_OBJ_FORCE, AXIS_OBJ_DAC_CODE, AXIS_OBJ_FAULT, AXIS_OBJ_LIMIT_REASON}},
-    {0x480,
-     1,
-     0,
-     {AXIS_OBJ_TICK_COUNT, AXIS_OBJ_FORCE_RAW, AXIS_OBJ_COMMAND_SOURCE, AXIS_OBJ_CONTACT}},
-}};
-constexpr int kLastPdo = 3;
+const axis_gateway_tpdo_t &plan_of(int pdo) {
+  return axis_gateway_tpdos[static_cast<std::size_t>(pdo)];
+}
+
+// Returns the default identifier of a TPDO, without the node id.
+std::uint32_t identifier_of(int pdo) {
+  const auto object = static_cast<std::uint16_t>(AXIS_OBJ_TPDO_COB_ID_1 + pdo);
+  return static_cast<std::uint32_t>(host::object_meta(object).initial) & 0x7FFU;
+}
 
 // Objects that are read one after the other. An object is not read if a PDO has transmitted its
 // value a short time before.
@@ -99,7 +92,7 @@ void GatewayAxis::receive(const canopen::Frame &frame) {
     receive_emergency(frame);
   } else {
     for (int pdo = 0; pdo <= kLastPdo; ++pdo) {
-      if (frame.id == kPlans[static_cast<std::size_t>(pdo)].cob_id + node) receive_pdo(pdo, frame);
+      if (frame.id == identifier_of(pdo) + node) receive_pdo(pdo, frame);
     }
   }
 }
@@ -151,7 +144,7 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
   // Before the configuration, a PDO can be mapped to any object.
   if (set_up_boots_ != boots_ || mismatch_) return;
   std::size_t at = 0;
-  for (const std::uint16_t object : kPlans[static_cast<std::size_t>(pdo)].objects) {
+  for (const std::uint16_t object : plan_of(pdo).objects) {
     if (object == AXIS_OBJ_NONE) break;
     const ObjectAddress address = address_of(object);
     if (at + address.bytes > frame.length) return;
@@ -354,7 +347,7 @@ Task<bool> GatewayAxis::watch_each_other() {
 }
 
 Task<bool> GatewayAxis::set_up_pdo(int pdo) {
-  const PdoPlan &plan = kPlans[static_cast<std::size_t>(pdo)];
+  const axis_gateway_tpdo_t &plan = plan_of(pdo);
   const auto at = static_cast<std::uint16_t>(pdo);
   const auto parameter = [at](std::uint8_t sub, std::uint8_t bytes) {
     return ObjectAddress{static_cast<std::uint16_t>(0x1800 + at), sub, bytes, false};
@@ -364,7 +357,8 @@ Task<bool> GatewayAxis::set_up_pdo(int pdo) {
                          static_cast<std::uint8_t>(sub == 0 ? 1 : 4), false};
   };
   const std::string what = "TPDO" + std::to_string(pdo + 1);
-  const std::int64_t cob_id = kNoRemote | (plan.cob_id + static_cast<std::uint32_t>(number()));
+  const std::int64_t cob_id =
+      kNoRemote | (identifier_of(pdo) + static_cast<std::uint32_t>(number()));
   std::vector<std::int64_t> entries;
   for (const std::uint16_t object : plan.objects) {
     if (object == AXIS_OBJ_NONE) break;

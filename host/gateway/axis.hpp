@@ -19,7 +19,7 @@
 #include "host/gateway/publisher.hpp"
 
 extern "C" {
-#include "firmware/objects/generated/axis_objects.h"
+#include "firmware/objects/generated/axis_gateway.h"
 }
 
 namespace forceaxis::nodes {
@@ -28,9 +28,9 @@ struct AxisSettings {
   // Node id of the axis, which is also the number of its Modbus unit and LCM channel.
   int number = 1;
   // Node id of the gateway.
-  int master = 127;
+  int master = AXIS_GATEWAY_NODE_ID;
   // First of four CAN identifiers, with which the axis serves the SDO channels for LCM and Modbus.
-  std::uint32_t first_sdo = 0x680;
+  std::uint32_t first_sdo = AXIS_GATEWAY_FIRST_SDO;
   // Heartbeat period of the axis and of the gateway.
   std::chrono::milliseconds heartbeat{100};
   // Time without heartbeats of the gateway after which the axis disables the drive.

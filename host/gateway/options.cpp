@@ -17,9 +17,8 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr int kMostNodes = 127;
-// First CAN identifier for the SDO channels of LCM and Modbus. The predefined connection set of CiA
-// 301 does not use the identifiers 680h to 6DFh. Each axis needs four identifiers.
-constexpr std::uint32_t kFirstSdo = 0x680;
+// The predefined connection set of CiA 301 does not use the CAN identifiers 680h to 6DFh, which are
+// those of the SDO channels for LCM and Modbus. Each axis needs four identifiers.
 constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
 // Returns the axis numbers in a text such as "1,2" or "1-6".
@@ -69,7 +68,7 @@ std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector
     auto place = static_cast<std::size_t>((axis - 1) % kMostAxes);
     while (taken[place]) place = (place + 1) % kMostAxes;
     taken[place] = true;
-    found.push_back(kFirstSdo + kSdosOfAxis * static_cast<std::uint32_t>(place));
+    found.push_back(AXIS_GATEWAY_FIRST_SDO + kSdosOfAxis * static_cast<std::uint32_t>(place));
   }
   return found;
 }

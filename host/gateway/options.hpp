@@ -16,7 +16,7 @@ struct GatewayOptions {
   std::vector<std::string> lcm_remote;
   std::string modbus_address = "127.0.0.1";
   int modbus_port = 1502;
-  int node_id = 127;
+  int node_id = AXIS_GATEWAY_NODE_ID;
   double sync_hz = 50;
   int heartbeat_ms = 100;
   int watch_ms = 0;

@@ -193,18 +193,19 @@ double Plant::volts(int dac_code) const {
 }
 
 void Plant::step(int dac_code, bool amp_enable, bool brake_release) {
-  if (machine_law_) {
-    step_volts(machine_law_->volts(tick(), signal_at(machine_signal_)), true);
-    return;
-  }
+  const Command command = begin_step({0.0, dac_code, amp_enable, brake_release});
+  step_volts(command.volts, command.amp_enable, command.brake_release);
+}
+
+Plant::Command Plant::begin_step(const Inputs &inputs) {
+  if (machine_law_) return {machine_law_->volts(tick(), signal_at(machine_signal_)), true, true};
+  DriveBus::Frame frame{inputs.dac_code, inputs.amp_enable};
   if (bus_.fitted()) {
     codes();  // The drive measures its encoder in every tick, even if the firmware does not use the
               // value.
-    const DriveBus::Frame frame = bus_.act(tick(), {dac_code, amp_enable});
-    dac_code = frame.dac_code;
-    amp_enable = frame.amp_enable;
+    frame = bus_.act(tick(), frame);
   }
-  step_volts(volts(dac_code), amp_enable, brake_release);
+  return {volts(frame.dac_code), frame.amp_enable, inputs.brake_release};
 }
 
 // Pauses one step of the plant at the instants of the samples.
@@ -230,6 +231,72 @@ class Plant::SamplePauses final : public Stepper::Pauses {
  private:
   Plant &plant_;
 };
+
+// Pauses one step of the plant at the instants of the samples, at those of its inputs, and at the
+// instant at which the signals are wanted.
+class Plant::StepPauses final : public Stepper::Pauses {
+ public:
+  StepPauses(Plant &plant, std::span<const Inputs> inputs, Command command)
+      : samples_(plant), plant_(plant), inputs_(inputs), command_(command) {}
+  void watch(double at, std::span<double> values) {
+    watched_ = at;
+    values_ = values;
+  }
+  double next() const override {
+    return smaller(smaller(samples_.next(), watched_), next_inputs());
+  }
+  void pause() override {
+    const double at = next();
+    if (samples_.next() <= at) samples_.pause();
+    if (next_inputs() <= at) replace(at);
+    if (watched_ > at) return;
+    plant_.signals(values_);
+    watched_ = kNever;
+  }
+
+ private:
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+  double next_inputs() const { return inputs_.empty() ? kNever : inputs_.front().at; }
+  void replace(double at) {
+    const Inputs &inputs = inputs_.front();
+    inputs_ = inputs_.subspan(1);
+    if (plant_.machine_law_) return;
+    command_.brake_release = inputs.brake_release;
+    if (!plant_.bus_.fitted()) {
+      command_.volts = plant_.volts(inputs.dac_code);
+      command_.amp_enable = inputs.amp_enable;
+    }
+    plant_.stepper_.replace(at, command_.volts, command_.amp_enable, command_.brake_release);
+  }
+
+  SamplePauses samples_;
+  Plant &plant_;
+  std::span<const Inputs> inputs_;
+  Command command_;
+  double watched_ = kNever;
+  std::span<double> values_;
+};
+
+void Plant::step(std::span<const Inputs> inputs) {
+  if (inputs.size() == 1) {
+    step(inputs[0].dac_code, inputs[0].amp_enable, inputs[0].brake_release);
+    return;
+  }
+  const Command command = begin_step(inputs.front());
+  begin_sampled_step();
+  StepPauses pauses(*this, inputs.subspan(1), command);
+  stepper_.step(command.volts, command.amp_enable, command.brake_release, pauses);
+}
+
+void Plant::signals_within(std::span<const Inputs> inputs, double at,
+                           std::span<double> values) const {
+  Plant ahead = *this;
+  const Command command = ahead.begin_step(inputs.front());
+  ahead.begin_sampled_step();
+  StepPauses pauses(ahead, inputs.subspan(1), command);
+  pauses.watch(at, values);
+  ahead.stepper_.step(command.volts, command.amp_enable, command.brake_release, pauses);
+}
 
 // Samples the signal of one converter at this instant.
 void Plant::take_sample(std::size_t channel) {
@@ -260,10 +327,15 @@ void Plant::take_samples() {
   if (pauses.next() <= 0.0) pauses.pause();
 }
 
-void Plant::step_sampled(double volts, bool amp_enable, bool brake_release) {
+void Plant::begin_sampled_step() {
+  if (!sampled_) return;
   take_samples();
   for (std::size_t channel = 0; channel < 2; ++channel)
     if (converters_[channel].filter.fitted()) collect(channel, static_cast<double>(tick()));
+}
+
+void Plant::step_sampled(double volts, bool amp_enable, bool brake_release) {
+  begin_sampled_step();
   SamplePauses pauses(*this);
   stepper_.step(volts, amp_enable, brake_release, pauses);
 }

@@ -129,6 +129,22 @@ class Plant {
   /// the switches are not on the bus. If the model has a controller of the machine, that controller
   /// commands the drive, with brakes released, and the arguments have no effect.
   void step(int dac_code, bool amp_enable, bool brake_release);
+  /// Inputs of the plant from an instant of a step on, such as those of another simulator.
+  struct Inputs {
+    double at = 0.0;  ///< time in steps since the start of the step, from 0 to below 1
+    int dac_code = 0;
+    bool amp_enable = false;
+    bool brake_release = false;
+  };
+  /// Simulates one step whose inputs change at instants within the step. The first inputs are those
+  /// of its start, the others have ascending instants. With one entry, the result is the same
+  /// double as that of the function above. A bus of the model carries only the first code and
+  /// enable.
+  void step(std::span<const Inputs> inputs);
+  /// Writes all signals of the instant `at` of the step that step(inputs) would simulate, as
+  /// signals() does. The plant does not change. `at` is above 0 and below 1, and not before the
+  /// last of the inputs.
+  void signals_within(std::span<const Inputs> inputs, double at, std::span<double> values) const;
   /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.
   double volts(int dac_code) const;
   /// Simulate one step with a voltage in V in place of a DAC code. The voltage does not pass
@@ -222,6 +238,15 @@ class Plant {
 
  private:
   class SamplePauses;
+  class StepPauses;
+  // What the drive and the brakes have after the DAC and the bus.
+  struct Command {
+    double volts = 0.0;
+    bool amp_enable = false;
+    bool brake_release = false;
+  };
+  Command begin_step(const Inputs &inputs);
+  void begin_sampled_step();
   double total_energy() const;
   void read_encoder(const Encoder &encoder);
   double relative_place() const;

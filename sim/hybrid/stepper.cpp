@@ -155,13 +155,14 @@ void Stepper::step(double command, bool enable, bool release, Pauses &pauses) {
   step_in_parts(&pauses);
 }
 
-// Starts the release or engage times of all brakes if their command has changed.
-void Stepper::command_brakes(bool release) {
+// Starts the release or engage times of all brakes if their command has changed, `at` ticks after
+// the start of the present tick.
+void Stepper::command_brakes(bool release, double at) {
   if (release == release_) return;
   release_ = release;
   for (std::size_t i = 0; i < brake_due_.size(); ++i) {
     const Wiring::BrakeTimes &times = network().brakes()[i];
-    brake_due_[i] = (release ? times.release_s : times.engage_s) * cache_->rate_hz();
+    brake_due_[i] = at + (release ? times.release_s : times.engage_s) * cache_->rate_hz();
   }
 }
 

@@ -53,6 +53,12 @@ class Stepper {
   };
   /// Simulates one tick and calls pauses.pause() at each of the instants.
   void step(double command, bool enable, bool release, Pauses &pauses);
+  /// Replaces the arguments of the present step() at an instant, in ticks since the start of the
+  /// step. Only Pauses::pause() may call this function, with the instant of the pause.
+  void replace(double at, double command, bool enable, bool release) {
+    command_brakes(release, at);
+    hold(command, enable);
+  }
   /// Applies a command in V at this instant, so switches and z() change before time advances. The
   /// next call of step() must have the same arguments.
   void hold(double command, bool enable);
@@ -105,7 +111,7 @@ class Stepper {
   Progress cross_pieces(double rest);
   Progress advance_pieces(double rest);
   void end_piece(std::size_t k, const double *end);
-  void command_brakes(bool release);
+  void command_brakes(bool release, double at = 0.0);
   std::size_t next_brake() const;
   void step_in_parts(Pauses *pauses);
   void move_brake(std::size_t brake, double s);

@@ -2,6 +2,7 @@
 // number of instances, from any saved state; wrong steps and calls are refused in one line.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -53,11 +54,12 @@ struct Loop {
     for (const auto &[from, to] : codes) firmware->set(to, plant->get(from));
     std::vector<double> row;
     for (const CodeIndex i : {kEncoder, kAdc0, kAdc1}) row.push_back(plant->get(codes[i].first));
-    firmware->tick();
+    ++ticks_;
+    firmware->advance(ticks_);
     for (const auto &[from, to] : outputs) plant->set(to, firmware->get(from));
     row.push_back(firmware->get(outputs[0].first));
     row.push_back(firmware->get(outputs[1].first));
-    plant->tick();
+    plant->advance(ticks_);
     return row;
   }
   std::vector<std::vector<double>> ticks(std::size_t count) {
@@ -68,6 +70,7 @@ struct Loop {
 
   std::unique_ptr<Unit> plant, firmware;
   std::vector<std::pair<std::size_t, std::size_t>> codes, outputs;
+  double ticks_ = 0;
 };
 
 host::Experiment load(const std::string &name, double duration_s) {
@@ -116,6 +119,7 @@ TEST(Units, AStateIsRestoredCompletely) {
   for (int repetition = 0; repetition < 2; ++repetition) {
     loop.plant->restore(*plant);
     loop.firmware->restore(*firmware);
+    loop.ticks_ = 1200;
     EXPECT_EQ(loop.ticks(1500), first);
   }
 }
@@ -130,6 +134,7 @@ TEST(Units, AResetUnitAndASecondUnitAreNew) {
   EXPECT_EQ(two.ticks(1500), first);
   one.plant->reset();
   one.firmware->reset();
+  one.ticks_ = 0;
   EXPECT_EQ(one.firmware->get(place_of(*one.firmware, "axis.force_gain")),
             two.firmware->get(place_of(*two.firmware, "axis.force_gain")));
   EXPECT_EQ(one.ticks(1500), first);
@@ -156,7 +161,7 @@ TEST(Units, AnImpulseChangesTheVelocityByImpulseOverMass) {
   const std::size_t impulse = place_of(*plant, "impulse.workpiece");
   const std::size_t velocity = place_of(*plant, "workpiece.velocity");
   plant->set(impulse, 0.066);  // N s on 6.6 kg
-  plant->tick();
+  plant->advance(1);
   plant->set(impulse, 0.0);
   // In one tick the fixture of 412,700 N/m turns the phase by 250 rad/s / 1500 Hz = 0.167.
   EXPECT_NEAR(plant->get(velocity), 0.01 * std::cos(std::sqrt(412700 / 6.6) / 1500), 2e-5);
@@ -187,13 +192,13 @@ TEST(Units, AnInputThatIsSetAgainStartsNothing) {
   const double force = firmware.get(mode);
   loop.ticks(10);
   firmware.set(place_of(firmware, "enable"), 0);
-  firmware.tick();
+  firmware.advance(11);
   EXPECT_NE(firmware.get(place_of(firmware, "axis.fault")), 0);
   ASSERT_EQ(firmware.get(mode), 0);
   firmware.set(place_of(firmware, "enable"), 1);
   firmware.set(place_of(firmware, "axis.fault_reset"), 1);
   firmware.set(mode, force);
-  firmware.tick();
+  firmware.advance(12);
   EXPECT_EQ(firmware.get(place_of(firmware, "axis.fault")), 0);
   EXPECT_EQ(firmware.get(mode), 0);
   firmware.set(mode, 0);
@@ -219,32 +224,168 @@ TEST(Units, AStopAlwaysActs) {
   }
 }
 
-TEST(TickClock, AStepIsAWholeNumberOfTicks) {
-  const TickClock clock;
-  EXPECT_EQ(clock.ticks(0, 1.0 / 1500), 1);
-  EXPECT_EQ(clock.ticks(0, 0.002), 3);
-  EXPECT_EQ(clock.ticks(0, 1.0), 1500);
-  EXPECT_EQ(clock.ticks(0, 666666e-9), 1);  // cut to ns
-  EXPECT_EQ(clock.ticks(0, 666667e-9), 1);  // rounded to ns
-  for (const double step_s :
-       {0.0, -1.0 / 1500, 0.001, 0.000667, 0.5 / 1500, 1.00001 / 1500, 1e9, std::nan(""), HUGE_VAL})
-    EXPECT_THROW(clock.ticks(0, step_s), StepRefused) << step_s;
-  for (const double point_s : {0.5 / 1500, -1.0 / 1500, 1.0, std::nan("")})
-    EXPECT_THROW(clock.ticks(point_s, 1.0 / 1500), StepRefused) << point_s;
+constexpr double kTick = 1.0 / 1500;
+
+// The time in ticks after a first step.
+double after(double step_s) {
+  TickClock clock;
+  clock.advance(0, step_s);
+  return clock.now();
+}
+
+TEST(TickClock, AStepEndsAtATickIfItIsOneButForRounding) {
+  EXPECT_EQ(after(kTick), 1);
+  EXPECT_EQ(after(0.002), 3);
+  EXPECT_EQ(after(1.0), 1500);
+  EXPECT_EQ(after(666666e-9), 1);  // cut to ns
+  EXPECT_EQ(after(666667e-9), 1);  // rounded to ns
+  EXPECT_EQ(after(0.5 * kTick), 0.5);
+  EXPECT_EQ(after(0.001), 1.5);
+  EXPECT_NEAR(after(1.00001 * kTick), 1.00001, 1e-12);
+  for (const double step_s : {0.0, -kTick, 1e9, std::nan(""), HUGE_VAL})
+    EXPECT_THROW(after(step_s), StepRefused) << step_s;
+  TickClock clock;
+  clock.advance(0, kTick);
+  for (const double point_s : {0.0, 0.4 * kTick, 2 * kTick, -kTick, 1.0, std::nan("")})
+    EXPECT_THROW(clock.advance(point_s, kTick), StepRefused) << point_s;
+  EXPECT_THROW(clock.advance(0.99 * kTick, 0.01 * kTick), StepRefused);  // a step made twice
+  clock.advance(kTick, 0.01 * kTick);
 }
 
 // Importers add the step up, multiply it, or count in ns; the error of the sum is not the unit's.
 TEST(TickClock, PointsAreRoundedFarFromTheStart) {
-  TickClock added(0.1), multiplied(0.1);
+  TickClock added(0.1), multiplied(0.1), tenths(0.1);
   double point_s = 0.1;
-  for (int tick = 0; tick < 1'000'000; ++tick) {
-    ASSERT_EQ(added.ticks(point_s, 1.0 / 1500), 1);
-    ASSERT_EQ(multiplied.ticks(0.1 + tick / 1500.0, (tick + 1) / 1500.0 - tick / 1500.0), 1);
-    added.advance();
-    multiplied.advance();
-    point_s += 1.0 / 1500;
+  for (int tick = 1; tick <= 1'000'000; ++tick) {
+    added.advance(point_s, kTick);
+    multiplied.advance(0.1 + (tick - 1) / 1500.0, tick / 1500.0 - (tick - 1) / 1500.0);
+    ASSERT_EQ(added.now(), tick);
+    ASSERT_EQ(multiplied.now(), tick);
+    point_s += kTick;
   }
   EXPECT_NEAR(added.time_s(), 0.1 + 1e6 / 1500, 1e-9);
+  for (int k = 1; k <= 300'000; ++k) {
+    tenths.advance(0.1 + (k - 1) / 15000.0, 1 / 15000.0);
+    ASSERT_EQ(tenths.now() == std::floor(tenths.now()), k % 10 == 0) << k;
+  }
+}
+
+// A step of 666,667 ns is too long by half a millionth: the tick that this gains comes once.
+TEST(TickClock, NanosecondsGetATickInEachStepUntilTheyAreHalfATickApart) {
+  TickClock clock;
+  std::vector<std::int64_t> doubled;
+  for (std::int64_t k = 0; k < 1'500'000; ++k) {
+    const double before = clock.now();
+    clock.advance(static_cast<double>(k * 666'667) * 1e-9, 666'667e-9);
+    if (clock.now() - before == 2)
+      doubled.push_back(k);
+    else
+      ASSERT_EQ(clock.now() - before, 1) << k;
+  }
+  ASSERT_EQ(doubled.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(doubled[0]), 1e6, 2);
+}
+
+// Steps of any length.
+
+// Communication points of a unit: steps below, at and above a tick, in any order.
+std::vector<double> drawn_points(unsigned seed, double end) {
+  std::mt19937 draw(seed);
+  const double lengths[] = {1.5, 0.15, 1.05, 1.0, 3.0, 0.5, 1e-5, 0.97, 40.0};
+  std::vector<double> points{0};
+  while (points.back() < end) {
+    const double next = points.back() + lengths[draw() % std::size(lengths)];
+    points.push_back(draw() % 4 == 0 ? std::ceil(next) : next);
+  }
+  return points;
+}
+
+TEST(AnyStep, TheFirmwareComputesEachTickOnceAndHoldsItsOutputs) {
+  const host::Experiment experiment = load("press_fit", 3);
+  const host::RunResult run = host::run(experiment);
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Loop held(experiment), ticked(experiment);
+    Unit &unit = *held.firmware, &oracle = *ticked.firmware;
+    const std::size_t dac = place_of(unit, "dac_code"), count = place_of(unit, "axis.tick_count");
+    const std::vector<double> points = drawn_points(seed, 3000);
+    std::size_t tick = 0;  // next tick of the oracle
+    for (std::size_t i = 1; i < points.size(); ++i) {
+      // The codes of the run, as an importer has them at the communication point.
+      const auto at = static_cast<std::size_t>(points[i - 1]);
+      if (at >= run.records.size()) break;
+      for (Unit *one : {&unit, &oracle}) {
+        one->set(kEncoder, run.records[at].encoder_cnt);
+        one->set(kAdc0, run.records[at].adc0_code);
+      }
+      unit.advance(points[i]);
+      for (; static_cast<double>(tick) < points[i]; ++tick)
+        oracle.advance(static_cast<double>(tick) + 1);
+      ASSERT_EQ(unit.get(dac), oracle.get(dac)) << seed << " at " << points[i];
+      ASSERT_EQ(unit.get(count), oracle.get(count)) << seed << " at " << points[i];
+    }
+    EXPECT_GT(tick, 2500U);
+  }
+}
+
+// At a tick, the plant has the doubles of a plant that is stepped from tick to tick.
+TEST(AnyStep, PartsOfATickLeaveTheDoublesOfTheTicks) {
+  for (const char *name : {"contact", "nl_noise", "full_axis", "fig2_3_sampled", "press_fit"}) {
+    const host::Experiment experiment = load(name, 1);
+    const host::RunResult run = host::run(experiment);
+    Loop parts(experiment), whole(experiment);
+    parts.plant->initialise();
+    whole.plant->initialise();
+    const std::vector<double> points = drawn_points(7, 1400);
+    std::vector<double> cuts = points;
+    for (std::size_t tick = 0; tick < 1400; ++tick) cuts.push_back(static_cast<double>(tick));
+    std::sort(cuts.begin(), cuts.end());
+    for (std::size_t i = 1; i < cuts.size() && cuts[i] < 1400; ++i) {
+      const host::TickRecord &record = run.records[static_cast<std::size_t>(cuts[i - 1])];
+      for (Unit *plant : {parts.plant.get(), whole.plant.get()}) {
+        plant->set(0, record.dac_code);
+        plant->set(1, record.out & 1);
+        plant->set(2, (record.out >> 1) & 1);
+      }
+      parts.plant->advance(cuts[i]);
+      if (cuts[i] != std::floor(cuts[i]) || cuts[i] == cuts[i - 1]) continue;
+      whole.plant->advance(cuts[i]);
+      for (std::size_t v = 3; v < parts.plant->variables().size() - 1; ++v)
+        ASSERT_EQ(parts.plant->get(v), whole.plant->get(v))
+            << name << " " << parts.plant->variables()[v].name << " at " << cuts[i];
+    }
+  }
+}
+
+// The simulator with four steps in a tick has mode matrices of its own. The code changes within
+// ticks, while the contact opens and closes.
+TEST(AnyStep, ThePlantIsExactWithinATick) {
+  for (const char *file : {"axis_contact", "full_axis"}) {
+    auto model = std::make_shared<const sim::Model>(
+        sim::load_model(SIM_DIR "/models/" + std::string(file) + ".toml"));
+    sim::Plant fine(std::make_shared<sim::ModeCache>(model, 4));
+    const auto unit = plant_unit(model->file, {}, 0);
+    unit->initialise();
+    unit->set(1, 1);
+    unit->set(2, 1);
+    std::mt19937 draw(3);
+    std::vector<double> largest(fine.signal_names().size()), error(largest.size());
+    for (int quarter = 0; quarter < 6000; ++quarter) {
+      const int code =
+          quarter % 7 == 0 ? static_cast<int>(draw() % 1600) - 600 : static_cast<int>(unit->get(0));
+      unit->set(0, code);
+      fine.step(code, true, true);
+      unit->advance(0.25 * (quarter + 1));
+      for (std::size_t i = 0; i < largest.size(); ++i) {
+        const double expected = fine.signal_at(i);
+        const double got = unit->get(place_of(*unit, fine.signal_names()[i]));
+        largest[i] = std::max(largest[i], std::abs(expected));
+        error[i] = std::max(error[i], std::abs(got - expected));
+      }
+    }
+    EXPECT_GT(fine.crossings(), 20) << file;
+    for (std::size_t i = 0; i < largest.size(); ++i)
+      EXPECT_LE(error[i], 1e-9 * largest[i]) << file << " " << fine.signal_names()[i];
+  }
 }
 
 class Calls : public testing::Test {
@@ -282,10 +423,8 @@ TEST_F(Calls, ARefusedStepChangesNothing) {
   EXPECT_EQ(line(), "step: expected an instance that is initialized");
   EXPECT_EQ(unit->enter_initialization(), Status::ok);
   EXPECT_EQ(unit->exit_initialization(), Status::ok);
-  EXPECT_EQ(unit->step(0, 0.001), Status::error);
-  EXPECT_EQ(line(),
-            "step size: expected a whole number of ticks of 1/1500 s, got 0.001 s, which is 1.5 "
-            "ticks; use a multiple of 1/1500 s in double precision");
+  EXPECT_EQ(unit->step(0, 0.0), Status::error);
+  EXPECT_EQ(line(), "step size: expected above 0 s and at most 666666.6666666666 s, got 0 s");
   EXPECT_EQ(unit->time_s(), 0);
   EXPECT_EQ(unit->set(0, of(Type::int32), 2048), Status::ok);
   EXPECT_EQ(unit->step(0, 1.0 / 1500), Status::error);
@@ -295,8 +434,8 @@ TEST_F(Calls, ARefusedStepChangesNothing) {
   EXPECT_EQ(unit->time_s(), 0.002);
   EXPECT_EQ(unit->step(0, 0.002), Status::error);
   EXPECT_EQ(line(),
-            "communication point: expected 0.002 s (tick 3), got 0 s; continue where the last step "
-            "has ended");
+            "communication point: expected 0.002 s, got 0 s; continue where the last step has "
+            "ended");
 }
 
 TEST_F(Calls, WrongReferencesAndTypesAreRefused) {

@@ -65,8 +65,8 @@ class Named:
     def put_bools(self, names, values):
         self.set_bools(self._of(names), values)
 
-    def step(self, tick, ticks=1):
-        self.do_step(tick * STEP_S, ticks * STEP_S)
+    def step(self, tick, ticks=1, step_s=STEP_S):
+        self.do_step(tick * step_s, ticks * step_s)
 
 
 class Fmpy(Named):
@@ -158,18 +158,18 @@ class Fmuloader(Named):
         self.unit.do_step(point_s, step_s)
 
 
-def loop(plant, firmware, ticks, first=0):
-    """Rows (encoder, ADC 0, ADC 1, DAC, enable) of the loop of two units."""
+def loop(plant, firmware, ticks, first=0, step_s=STEP_S):
+    """Rows (encoder, ADC 0, ADC 1, DAC, enable) of each step of the loop of two units."""
     rows = []
     for tick in range(first, first + ticks):
         codes = plant.ints(CODES)
         firmware.put_ints(CODES, codes)
         firmware.put_bools(SWITCHES, plant.bools(SWITCHES))
-        firmware.step(tick)
+        firmware.step(tick, step_s=step_s)
         (dac,), outputs = firmware.ints(["dac_code"]), firmware.bools(OUTPUTS)
         plant.put_ints(["dac_code"], [dac])
         plant.put_bools(OUTPUTS, outputs)
-        plant.step(tick)
+        plant.step(tick, step_s=step_s)
         rows.append((codes[0], codes[2], codes[3], dac, int(outputs[0])))
     return rows
 

@@ -6,6 +6,7 @@ Each scenario is a function and a step of its own, so that one failure hides no 
 import contextlib
 import re
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -629,9 +630,21 @@ def lost_axis(running, axis):
     return found
 
 
+@contextlib.contextmanager
+def recorded_bus(file):
+    """Records the frames of the bus in a file of candump."""
+    with file.open("w") as log:
+        dump = subprocess.Popen(["candump", "-L", "-r", "8000000", "vcan0"], stdout=log)
+        try:
+            yield
+        finally:
+            dump.terminate()
+            dump.wait(10)
+
+
 def main():
     folder = Path(sys.argv[1])
-    with Steps(folder) as steps:
+    with recorded_bus(folder / "bus.log"), Steps(folder) as steps:
         scenarios(folder, steps)
 
 

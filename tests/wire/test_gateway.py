@@ -3,15 +3,18 @@ this says what must come out. Expected values are those of host/lcm/axis.lcm, of
 specification, and of CiA 301 and 402, not what the program says of itself.
 """
 
+import itertools
 import subprocess
 from pathlib import Path
 
+import cantools
 import pytest
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.axis.axis import trigger_on
 from forceaxis.experiments import link
 from gateway_clients import HEARTBEAT_MS
+from recorded import entries
 from steps import found_by
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -19,6 +22,8 @@ VCAN = ROOT / "tools" / "vcan"
 BENCH = Path(__file__).parent / "gateway_bench.py"
 LOCKED = 0x08000021
 DONE, REFUSED = 1, 2  # EVENT_ of axis_event_t
+SDO_WAYS = ("REQUEST", "ANSWER")
+DBC = ROOT / "firmware/objects/generated/forceaxis-gateway.dbc"
 
 
 @pytest.fixture(scope="module")
@@ -334,6 +339,32 @@ def test_two_axes_behind_one_gateway_are_kept_apart(of):
 
 
 # Without CAN.
+
+
+def test_cantools_decodes_every_frame_of_the_bus(ran):
+    """All scenarios of this module, in which clients read, write, capture, stop and restart."""
+    database = cantools.database.load_file(DBC)
+    frames = [(i, data) for _, i, data in entries((ran.folder / "bus.log").read_text())]
+    lengths = {m.frame_id: m.length for m in database.messages}
+    assert {(i, len(data)) for i, data in frames} <= set(lengths.items())
+    decoded = {}
+    for identifier, data in dict.fromkeys(frames):
+        message = database.get_message_by_frame_id(identifier)
+        values = message.decode(data)
+        decoded.setdefault(message.name, []).append(values)
+        assert message.encode(values, strict=False)[: len(data)] == data, message.name
+    others = ("AXIS2", "AXIS3")  # nodes of three scenarios
+    kinds = {name.removeprefix("AXIS1_") for name in decoded if not name.startswith(others)}
+    sdos = {f"SDO{channel}_{way}" for channel in ("", "_LCM", "_MODBUS") for way in SDO_WAYS}
+    tpdos = {f"TPDO{n}" for n in range(1, 5)}
+    assert kinds == {"NMT", "SYNC", "EMCY", "HEARTBEAT", "GATEWAY_HEARTBEAT", *tpdos, *sdos}
+    # At each SYNC the count is higher, by less than a second.
+    ticks = [row["tick_count"] for row in decoded["AXIS1_TPDO4"]]
+    steps = [after - before for before, after in itertools.pairwise(ticks)]
+    assert sum(0 < step < 1500 for step in steps) > 0.9 * len(steps)
+    owners = {str(row["command_source"]) for row in decoded["AXIS1_TPDO4"]}
+    assert owners == {"canopen", "modbus", "lcm"}
+    assert {str(row["fault"]) for row in decoded["AXIS1_TPDO3"]} >= {"none", "overspeed"}
 
 
 def test_a_trigger_is_an_object_of_the_table():

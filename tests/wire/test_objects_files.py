@@ -446,6 +446,97 @@ def test_cantools_names_modes_and_states(dbc):
     assert dbc.get_message_by_name("AXIS1_TPDO1").cycle_time == default_of(*AT[0x1800, 5][1:])
 
 
+GATEWAY = CONTENT["gateway"]
+MAPPED = [tpdo["objects"] for tpdo in GATEWAY["tpdo"]]
+
+
+@pytest.fixture(scope="module")
+def gateway_dbc():
+    return cantools.database.load_file(GENERATED / "forceaxis-gateway.dbc", strict=True)
+
+
+@pytest.mark.parametrize("node", range(1, 7))
+def test_cantools_knows_each_pdo_of_a_gateway(gateway_dbc, dbc, node):
+    for i, names in enumerate(MAPPED, 1):
+        message = gateway_dbc.get_message_by_frame_id(0x80 + 0x100 * i + node)
+        assert (message.name, message.senders) == (f"AXIS{node}_TPDO{i}", [f"AXIS{node}"])
+        assert [s.name for s in message.signals] == names
+    # The last two carry something else than by default: one DBC cannot describe both.
+    for i, differs in enumerate((False, False, True, True), 1):
+        default = [s.name for s in dbc.get_message_by_name(f"AXIS{node}_TPDO{i}").signals]
+        assert (default != MAPPED[i - 1]) == differs
+
+
+def test_a_frame_of_a_bus_with_a_gateway_has_one_meaning(gateway_dbc, dbc):
+    frames = {m.frame_id: m.name for m in gateway_dbc.messages}
+    assert len(frames) == len(gateway_dbc.messages)
+    more = {frame: name for frame, name in frames.items() if frame not in {
+        m.frame_id for m in dbc.messages
+    }}  # fmt: skip
+    # Four SDO identifiers of each node, in the order of the gateway's options.
+    ways = [f"SDO_{bus}_{way}" for bus in ("MODBUS", "LCM") for way in ("REQUEST", "ANSWER")]
+    assert more.pop(0x700 + GATEWAY["node_id"]) == "GATEWAY_HEARTBEAT"
+    assert [more[frame] for frame in sorted(more)] == [
+        f"AXIS{node}_{way}" for node in range(1, 7) for way in ways
+    ]
+    assert sorted(more) == list(range(0x680, 0x680 + 24))
+
+
+def test_the_configuration_of_a_node_behind_a_gateway():
+    """python-canopen makes the PDOs from the DCF alone, for another node than the file names."""
+    dcf = GENERATED / "forceaxis-gateway.dcf"
+    done = subprocess.run(
+        [BIN / "dcfchk", "-n", "5", dcf], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    node = canopen.Network().add_node(canopen.RemoteNode(5, str(dcf)))
+    node.tpdo.read(from_od=True)
+    for i, (tpdo, names) in enumerate(zip(GATEWAY["tpdo"], MAPPED, strict=True), 1):
+        found = node.tpdo[i]
+        assert (found.cob_id, found.enabled) == (0x80 + 0x100 * i + 5, True)
+        assert found.trans_type == tpdo["transmission"]
+        entries = {name: (o["index"], o.get("sub", 0)) for name, o, *_ in ELEMENTS}
+        assert [(v.index, v.subindex) for v in found.map] == [entries[name] for name in names]
+    # Nothing but the values of the four TPDOs differs from the data sheet.
+    sheet, configured = (
+        [t for t in f.read_text().splitlines() if not t.startswith("ParameterValue=")]
+        for f in (EDS, dcf)
+    )
+    start = configured.index("[DeviceComissioning]")
+    del configured[start : configured.index("[DummyUsage]")]
+    assert [t for t in configured if t not in sheet] == [
+        "FileName=forceaxis-gateway.dcf", "LastEDS=forceaxis.eds",
+    ]  # fmt: skip
+    assert [t for t in sheet if t not in configured] == ["FileName=forceaxis.eds"]
+
+
+def test_dcfgen_makes_a_listener_of_a_bus_with_a_gateway(tmp_path):
+    """From the DCF, a master receives all four TPDOs; from the EDS only those that are on."""
+    for name in ("forceaxis-gateway.dcf", "forceaxis.eds"):
+        text = f'master: {{node_id: 10}}\naxis_2: {{dcf: "{GENERATED / name}", node_id: 2}}\n'
+        (tmp_path / "bus.yml").write_text(text)
+        done = subprocess.run(
+            [BIN / "dcfgen", "-r", "-d", tmp_path, tmp_path / "bus.yml"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+        master = configparser.ConfigParser(interpolation=None)
+        master.read(tmp_path / "master.dcf")
+        carried = {}
+        for i in range(int(master["DeviceInfo"]["NrOfRxPDO"])):
+            cob, mapping = master[f"{0x1400 + i:X}sub1"], dict(master[f"{0x1600 + i:X}Value"])
+            del mapping["nrofentries"]
+            bits = [int(entry, 0) & 0xFF for entry in mapping.values()]
+            carried[int(cob["DefaultValue"], 0) & 0x7FF] = bits
+        objects = {name: o for name, o, *_ in ELEMENTS}
+        expected = {
+            0x82 + 0x100 * i: [DATA_TYPES[objects[name]["type"]][1] for name in names]
+            for i, names in enumerate(MAPPED, 1)
+            if i < 3 or name.endswith("dcf")
+        }
+        assert carried == expected
+
+
 # The Modbus map.
 
 
@@ -735,8 +826,9 @@ def forceaxis(*arguments):
 
 def test_the_verb_writes_the_files(tmp_path):
     names = {"eds": "forceaxis.eds", "dbc": "forceaxis.dbc", "ros2": "forceaxis-bus.yml",
+             "gateway_dbc": "forceaxis-gateway.dbc", "gateway_dcf": "forceaxis-gateway.dcf",
              "modbus": "forceaxis-modbus.csv"}  # fmt: skip
-    options = [text for kind in names for text in (f"--{kind}", tmp_path / kind)]
+    options = [text for kind in names for text in (f"--{kind.replace('_', '-')}", tmp_path / kind)]
     done = forceaxis("objects", *options, "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)

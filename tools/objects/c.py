@@ -511,9 +511,35 @@ def generate_meta(table):
     return "".join(out)
 
 
+def generate_gateway(table):
+    """How a gateway configures an axis: for the gateway alone."""
+    rows = [
+        f"{{{tpdo['transmission']}, {tpdo['event_ms']}, "
+        f"{{{', '.join('AXIS_OBJ_' + o['name'].upper() for o in tpdo['objects'])}}}}}"
+        for tpdo in table.gateway["tpdo"]
+    ]
+    body = (
+        f"#define AXIS_GATEWAY_NODE_ID {table.gateway['node_id']} /* its own, by default */\n"
+        "/* First identifier of the SDO channels of the axis with node id 1. */\n"
+        f"#define AXIS_GATEWAY_FIRST_SDO {table.gateway['first_sdo']:#x}\n\n"
+        "typedef struct {\n"
+        "  uint8_t transmission; /* 18xxh:2 */\n"
+        "  uint16_t event_ms;    /* 18xxh:5; 0: left as it is */\n"
+        "  uint16_t objects[4];  /* AXIS_OBJ_, in the order of the frame; NONE ends it */\n"
+        "} axis_gateway_tpdo_t;\n\n"
+        f"#define AXIS_GATEWAY_TPDO_COUNT {len(rows)}\n"
+        "static const axis_gateway_tpdo_t axis_gateway_tpdos[AXIS_GATEWAY_TPDO_COUNT] = {\n"
+        + "".join(f"    {row},\n" for row in rows)
+        + "};\n\n"
+    )
+    return guarded("axis_gateway", [f'"{FOLDER}/axis_objects.h"'], body)
+
+
 def generate(table):
     """{path below the root: text}"""
+    gateway = {f"{FOLDER}/axis_gateway.h": generate_gateway(table)} if table.gateway else {}
     return {
+        **gateway,
         f"{FOLDER}/axis_table.h": generate_table_header(table),
         **{f"{FOLDER}/{part_header(part)}.h": generate_part_header(table, part) for part in PARTS},
         f"{FOLDER}/axis_objects.h": generate_header(table),

@@ -1,16 +1,19 @@
-"""The electronic data sheet, CiA 306, from which a CANopen master knows the objects of an axis.
+"""The electronic data sheet (EDS) of CiA 306, from which a CANopen master knows the objects of an
+axis, and the device configuration file (DCF) of an axis behind a gateway.
 
 Only keys of the standard: units are in the manual and in the DBC."""
 
 from objects.table import TABLE, TYPES, addresses, bit_texts, canopen_address, expand, fail, title
 
 FILE = "firmware/objects/generated/forceaxis.eds"
+GATEWAY_FILE = "firmware/objects/generated/forceaxis-gateway.dcf"
 
 DATA_TYPES = {"i8": 2, "i16": 3, "i32": 4, "u8": 5, "u16": 6, "u32": 7}
 SPECIAL_DATA_TYPES = {"TEXT": 9, "DOMAIN": 15, "DOWNLOAD": 15}
 DOMAIN, VARIABLE, ARRAY, RECORD = 2, 7, 8, 9
 MANDATORY = (0x1000, 0x1001, 0x1018)
 BAUD_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
+TPDO_OFF = 1 << 31  # bit of a COB-ID
 SLOWEST_BAUD_RATE = 125  # kbit/s; at lower rates the default PDOs of one axis fill the bus
 
 
@@ -18,9 +21,9 @@ def section(name, keys):
     return f"[{name}]\n" + "".join(f"{key}={value}\n" for key, value in keys) + "\n"
 
 
-def file_info():
+def file_info(file):
     # A fixed date, so that equal tables generate equal files.
-    yield "FileName", "forceaxis.eds"
+    yield "FileName", file.rpartition("/")[2]
     yield "FileVersion", 1
     yield "FileRevision", 1
     yield "EDSVersion", "4.0"
@@ -29,6 +32,19 @@ def file_info():
         yield f"{what}Time", "12:00AM"
         yield f"{what}Date", "01-01-2026"
         yield ("CreatedBy" if what == "Creation" else "ModifiedBy"), "tools/gen_objects.py"
+    if file == GATEWAY_FILE:
+        yield "LastEDS", FILE.rpartition("/")[2]
+
+
+def commissioning():
+    """The node of the DCF. Its values follow $NODEID, so another id may be written here."""
+    yield "NodeID", 1
+    yield "NodeName", "axis_1"
+    yield "Baudrate", BAUD_RATES[-1]
+    yield "NetNumber", 1
+    yield "NetworkName", ""
+    yield "CANopenManager", 0
+    yield "LSS_SerialNumber", 0
 
 
 def device_info(found):
@@ -65,8 +81,8 @@ def literal(o, value):
     return str(value)
 
 
-def variable(at):
-    """Keys of one value."""
+def variable(at, configured=None):
+    """Keys of one value; `configured` is the value that a master writes, or None."""
     if at.what == "COUNT":
         yield "ParameterName", "Highest sub-index supported"
         yield "ObjectType", f"0x{VARIABLE:X}"
@@ -98,6 +114,9 @@ def variable(at):
     if o["access"] != "wo":
         text = literal(o, default)
         yield "DefaultValue", f"$NODEID+{text}" if o["node_id"] else text
+    if configured is not None:
+        text = literal(o, configured)
+        yield "ParameterValue", f"$NODEID+{text}" if o["node_id"] else text
     yield "PDOMapping", int(o["mappable"] != 0)
 
 
@@ -123,10 +142,10 @@ def title_of(o, index):
     return f"{o['title']} {(index - o['index']) // (o['index_step'] or 1) + 1}"
 
 
-def describe(index, subs, records):
+def describe(index, subs, records, configured):
     """{section: keys} of an index; the first section is its own."""
     if set(subs) == {0}:
-        keys = dict(variable(subs[0]))
+        keys = dict(variable(subs[0], configured.get((index, 0))))
         return {f"{index:04X}": keys | {"ParameterName": title_of(subs[0].entry, index)}}
     first = subs[min(sub for sub in subs if sub)]
     title, array = records.get(index, (title_of(first.entry, index), is_array(subs)))
@@ -135,7 +154,10 @@ def describe(index, subs, records):
         "ObjectType": f"0x{ARRAY if array else RECORD:X}",
         "SubNumber": len(subs),
     }
-    members = {f"{index:04X}sub{sub:X}": dict(variable(at)) for sub, at in subs.items()}
+    members = {
+        f"{index:04X}sub{sub:X}": dict(variable(at, configured.get((index, sub))))
+        for sub, at in subs.items()
+    }
     check_titles((name, keys["ParameterName"]) for name, keys in members.items())
     return {f"{index:04X}": own, **members}
 
@@ -154,13 +176,40 @@ def list_of(index):
     return "ManufacturerObjects" if 0x2000 <= index < 0x6000 else "OptionalObjects"
 
 
+def configured_by_gateway(found, gateway):
+    """{(index, sub-index): raw value} of the TPDOs of an axis behind a gateway."""
+    values = {}
+    for i, tpdo in enumerate(gateway["tpdo"]):
+        communication, mapping, carried = 0x1800 + i, 0x1A00 + i, tpdo["objects"]
+        at = found[communication, 1]
+        values[communication, 1] = at.entry["defaults"][at.element] & ~TPDO_OFF
+        values[communication, 2] = tpdo["transmission"]
+        if tpdo["event_ms"]:
+            values[communication, 5] = tpdo["event_ms"]
+        values[mapping, 0] = len(carried)
+        for sub, o in enumerate(carried, 1):
+            values[mapping, sub] = o["index"] << 16 | o["sub"] << 8 | 8 * TYPES[o["type"]][0]
+    return values
+
+
 def generate(table):
     """{path below the root: text}"""
     found = addresses(table.entries, table.specials)
+    files = {FILE: text_of(table, found, FILE, {})}
+    if table.gateway:
+        configured = configured_by_gateway(found, table.gateway)
+        files[GATEWAY_FILE] = text_of(table, found, GATEWAY_FILE, configured)
+    return files
+
+
+def text_of(table, found, file, configured):
+    """The content of a file; `configured`: values that a master writes, by their addresses."""
     objects = {}
     for (index, sub), at in found.items():
         objects.setdefault(index, {})[sub] = at
-    described = {index: describe(index, subs, table.records) for index, subs in objects.items()}
+    described = {
+        index: describe(index, subs, table.records, configured) for index, subs in objects.items()
+    }
     check_titles((f"{i:04X}", d[f"{i:04X}"]["ParameterName"]) for i, d in described.items())
     comments = (
         "Generated by tools/gen_objects.py; do not edit.",
@@ -170,8 +219,9 @@ def generate(table):
     )
     lines = [(f"Line{i}", comment) for i, comment in enumerate(comments, 1)]
     out = [
-        section("FileInfo", file_info()),
+        section("FileInfo", file_info(file)),
         section("DeviceInfo", device_info(found)),
+        *([section("DeviceComissioning", commissioning())] if configured else []),
         section("DummyUsage", ((f"Dummy{i:04X}", 1) for i in range(1, 8))),
         section("Comments", [("Lines", len(lines)), *lines]),
     ]
@@ -181,4 +231,4 @@ def generate(table):
         out.append(section(name, [("SupportedObjects", len(indices)), *rows]))
         for index in indices:
             out.extend(section(name, keys.items()) for name, keys in described[index].items())
-    return {FILE: "".join(out).rstrip("\n") + "\n"}
+    return "".join(out).rstrip("\n") + "\n"

@@ -72,6 +72,8 @@ SPECIAL_KEYS = {
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
 BIT_KEYS = {"name": str, "address": int, "meaning": str, "bit_of": list}
 REFUSAL_KEYS = {"name": str, "number": int, "text": str, "aborts": list}
+GATEWAY_KEYS = {"node_id": int, "first_sdo": int, "tpdo": list}
+GATEWAY_TPDO_KEYS = {"transmission": int, "event_ms": int, "objects": list}
 OPTIONAL = {
     "special": ("title", "access", "sub"), "record": ("count", "array"),
     "coil": ("meaning", "bit_of"), "discrete": ("meaning", "bit_of"), "refusal": ("aborts",),
@@ -94,6 +96,7 @@ class Table(NamedTuple):
     coils: list
     discretes: list
     refusals: list
+    gateway: dict | None  # [gateway]: how a gateway configures an axis
     digest: str  # SHA-256 over the meaning of the objects, see meaning.py
     release: released.Release  # version 0.1.0
 
@@ -512,6 +515,26 @@ def check_refusals(table):
     return refusals
 
 
+def check_gateway(table, known):
+    """[gateway], with the entries of the objects of its TPDOs; None if the table has none."""
+    if "gateway" not in table:
+        return None
+    raw = table["gateway"]
+    check_keys("gateway", raw, GATEWAY_KEYS, GATEWAY_KEYS)
+    tpdos = []
+    for number, tpdo in enumerate(raw["tpdo"], 1):
+        label = f"gateway TPDO {number}"
+        check_keys(label, tpdo, GATEWAY_TPDO_KEYS, GATEWAY_TPDO_KEYS)
+        for name in tpdo["objects"]:
+            if not known.get(name, {}).get("mappable") or known[name]["count"] > 1:
+                fail(label, "objects", f"expected objects that a PDO may carry, got {name}")
+        carried = [known[name] for name in tpdo["objects"]]
+        if len(carried) > 4 or sum(TYPES[o["type"]][0] for o in carried) > 8:
+            fail(label, "objects", "expected at most 4 objects and 64 bits")
+        tpdos.append(tpdo | {"objects": carried})
+    return raw | {"tpdo": tpdos}
+
+
 def expanded_names(o):
     if o["count"] == 1:
         return [o["name"]]
@@ -600,7 +623,7 @@ def load_table(path):
         table = tomllib.loads(data.decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise TableError(f"object table: expected TOML, {error}") from error
-    kinds = ("object", *OPTIONAL)
+    kinds = ("object", *OPTIONAL, "gateway")
     unknown = set(table) - set(kinds)
     if unknown:
         fail("object table", sorted(unknown)[0], "unknown key, " + one_of(kinds))
@@ -633,8 +656,8 @@ def load_table(path):
         (*canopen_address(o, i), name, register(o, i), o) for _, name, o, i in expand(entries)
     ]
     digest = meaning.digest(objects, specials, *bits)
-    refusals = check_refusals(table)
-    return Table(entries, specials, records, *bits, refusals, digest, read_release(path))
+    refusals, gateway = check_refusals(table), check_gateway(table, known)
+    return Table(entries, specials, records, *bits, refusals, gateway, digest, read_release(path))
 
 
 def set_numbers(known, path):

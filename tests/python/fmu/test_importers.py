@@ -2,6 +2,7 @@
 
 import math
 
+import fmpy
 import fmus
 import pytest
 from forceaxis import _core, paths
@@ -86,6 +87,43 @@ def test_both_units_in_two_importers(experiment, version, importer, tmp_path):
         plant.start()
         firmware.start()
         assert fmus.loop(plant, firmware, len(expected)) == expected
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_loop_with_a_step_of_a_seventh_of_a_tick_has_the_codes_of_a_run(version, tmp_path):
+    """The firmware's outputs change at ticks alone, so the plant computes the same doubles."""
+    source = paths.EXPERIMENTS / "force_step.toml"
+    files = [
+        fmus.write(kind, source, tmp_path / f"{kind}.fmu", version)
+        for kind in ("plant", "firmware")
+    ]
+    expected = fmus.rows_of(_core.run(source))[:1000]
+    with fmus.Fmpy(files[0]) as plant, fmus.Fmpy(files[1]) as firmware:
+        plant.start()
+        firmware.start()
+        rows = fmus.loop(plant, firmware, 7 * len(expected), step_s=fmus.STEP_S / 7)
+    assert rows[::7] == expected
+    # Between ticks, codes and outputs are held: the next row has the codes before the step's end.
+    assert rows[3::7] == rows[::7]
+
+
+def test_fmpy_simulates_the_plant_with_steps_of_a_master_of_its_own(tmp_path):
+    """Steps of 1 ms, 0.1 ms, 0.7 ms and 0.5 s: the signals at common instants are the same."""
+    file = str(fmus.write("plant", CONTACT, tmp_path / "plant.fmu", "3.0"))
+    signals, starts = ["robot.position", "sensor.force"], {"dac_code": 150, "amp_enable": True}
+    found = {}
+    for step_s in (1e-3, 1e-4, 7e-4, 0.5, 1 / 1500):
+        done = fmpy.simulate_fmu(
+            file, stop_time=2.0, step_size=step_s, output_interval=step_s, start_values=starts,
+            output=signals,
+        )  # fmt: skip
+        for row in done:
+            found.setdefault(round(row["time"], 9), []).append([row[name] for name in signals])
+    # 0 s, 0.5 s, ..., and others; the largest force is beyond 10 N, so the contact is made.
+    common = {time: rows for time, rows in found.items() if len(rows) >= 3}
+    assert len(common) > 100 and max(abs(rows[0][1]) for rows in common.values()) > 10
+    for rows in common.values():
+        assert all(row == pytest.approx(rows[0], rel=1e-9, abs=1e-12) for row in rows)
 
 
 def test_a_simulator_that_steps_all_units_at_once(tmp_path):

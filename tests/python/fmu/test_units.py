@@ -32,6 +32,11 @@ def written(tmp_path_factory):
 @pytest.mark.parametrize("which", EVERY)
 def test_fmpy_finds_no_fault(which, written):
     assert fmpy.validation.validate_fmu(str(written[which])) == []
+    about = fmpy.read_model_description(str(written[which])).coSimulation
+    assert about.canHandleVariableCommunicationStepSize
+    # What FMI 3.0 gives a simulator only if the unit says so.
+    assert not (about.hasEventMode or about.mightReturnEarlyFromDoStep)
+    assert not about.canReturnEarlyAfterIntermediateUpdate
 
 
 @pytest.mark.parametrize("which", EVERY)
@@ -108,6 +113,30 @@ def test_equal_units_have_equal_bytes(written, tmp_path):
     assert fmus.Fmpy(other).token != fmus.Fmpy(again).token
 
 
+@pytest.mark.parametrize(
+    ("version", "folders"),
+    [("2.0", ["linux64", "win64"]), ("3.0", ["x86_64-linux", "x86_64-windows"])],
+)
+def test_a_library_for_windows_is_in_the_unit_if_it_has_the_same_sources(
+    version, folders, tmp_path, monkeypatch
+):
+    windows = tmp_path / "forceaxis_fmu.dll"
+    monkeypatch.setattr(unit, "WINDOWS_LIBRARY", windows)
+    (own,) = unit.SOURCES.findall(unit.LIBRARY.read_bytes())
+
+    def platforms():
+        file = fmus.write("plant", "laboratory", tmp_path / "unit.fmu", version)
+        with zipfile.ZipFile(file) as archive:
+            return [n.split("/")[1:] for n in archive.namelist() if n.startswith("binaries/")]
+
+    alone = platforms()
+    assert alone == [[folders[0], "forceaxis_fmu.so"]]
+    windows.write_bytes(b"MZ forceaxis sources " + b"0" * 64)
+    assert platforms() == alone
+    windows.write_bytes(b"MZ forceaxis sources " + own)
+    assert platforms() == [*alone, [folders[1], "forceaxis_fmu.dll"]]
+
+
 def test_the_library_needs_only_the_libraries_of_c():
     done = subprocess.run(
         ["readelf", "-d", unit.LIBRARY], capture_output=True, text=True, check=True
@@ -152,8 +181,12 @@ def test_a_wrong_step_is_one_line_of_the_logger(which, written):
         one.start()
         one.step(0)
         for point_s, step_s, says in (
-            (1 / 1500, 0.001, "step size: expected a whole number of ticks of 1/1500 s, got 0.001"),
-            (0.5, 1 / 1500, "communication point: expected 0.0006666666666666666 s (tick 1)"),
+            (
+                1 / 1500,
+                0.0,
+                "step size: expected above 0 s and at most 666666.6666666666 s, got 0 s",
+            ),
+            (0.5, 1 / 1500, "communication point: expected 0.0006666666666666666 s, got 0.5 s"),
         ):
             with pytest.raises(fmpy.fmi1.FMICallException) as error:
                 one.do_step(point_s, step_s)

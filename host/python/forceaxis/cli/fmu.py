@@ -51,9 +51,9 @@ def unit_options(set_help: str) -> Callable[[Callback], Callback]:
 def fmu() -> None:
     """Write the plant or the firmware as a co-simulation unit (FMU) of FMI 2.0 or 3.0.
 
-    A unit has the simulator or the unmodified firmware as a library, without Python, and needs a
-    step of 1/1500 s or a multiple of it. If another simulator steps first the firmware, then the
-    plant, it computes the same codes in each tick as `forceaxis run`.
+    A unit has the simulator or the unmodified firmware as a library, without Python, and takes any
+    step. If another simulator steps first the firmware, then the plant, by ticks of 1/1500 s, it
+    computes the same codes in each tick as `forceaxis run`.
     """
 
 
@@ -131,6 +131,7 @@ def show(done: "Written", as_json: bool) -> None:
             f"unit         {done.kind}{of}, FMI {done.version}\n"
             f"variables    {done.inputs} inputs, {done.outputs} outputs, "
             f"{done.parameters} parameters\n"
+            f"platforms    {', '.join(done.platforms)}\n"
             f"files        {paths.quoted(done.file)}"
         )
 

@@ -16,20 +16,20 @@ from forceaxis.words import suggestion
 DETAIL_COLUMNS = 80
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
-    "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6, as a DBC"),
+    "dbc": ("forceaxis.dbc", "frames of nodes 1 to 6 with their default PDOs, as a DBC"),
+    "gateway_dbc": ("forceaxis-gateway.dbc", "frames of nodes 1 to 6 behind a gateway, as a DBC"),
+    "gateway_dcf": ("forceaxis-gateway.dcf", "configuration of an axis behind a gateway (DCF)"),
     "ros2": ("forceaxis-bus.yml", "bus description of ros2_canopen, with one axis, as YAML"),
     "modbus": ("forceaxis-modbus.csv", "Modbus registers and bits, CSV"),
 }
-FILE_OPTIONS = [f"--{kind}" for kind in FILES]
+FILE_OPTIONS = [f"--{kind.replace('_', '-')}" for kind in FILES]
 
 
 def file_options(verb: Callback) -> Callback:
     """Add options to the command `objects`, one for each kind of file that can describe the
     objects."""
-    for kind, (_, content) in reversed(FILES.items()):
-        option = click.option(
-            f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."
-        )
+    for name, (_, content) in reversed(list(zip(FILE_OPTIONS, FILES.values(), strict=True))):
+        option = click.option(name, type=File(), metavar="FILE", help=f"Write the {content}.")
         verb = option(verb)
     return verb
 

@@ -16,7 +16,7 @@ from forceaxis._results import UnitVariable
 Version = Literal["2.0", "3.0"]
 # file name of the compiled library of a co-simulation unit, without suffix
 LIBRARY = "forceaxis_fmu"
-STEP_S = 1 / TICKS_PER_SECOND
+STEP_S = 1 / TICKS_PER_SECOND  # step that modelDescription.xml proposes; a unit takes any other
 STOP_S = 10.0  # end time in s that modelDescription.xml proposes for a simulation
 
 # {symbol of a unit in models and objects: exponents of the SI base units}
@@ -159,7 +159,7 @@ class _Fmi2:
     ModelStructure refers to a variable by its position, from 1 on."""
 
     capabilities = {  # noqa: RUF012
-        "canHandleVariableCommunicationStepSize": "false",
+        "canHandleVariableCommunicationStepSize": "true",
         "canGetAndSetFMUstate": "true",
         "canBeInstantiatedOnlyOncePerProcess": "false",
         "canNotUseMemoryManagementFunctions": "true",
@@ -196,8 +196,7 @@ class _Fmi3:
     ModelStructure refers to variables by their value references."""
 
     capabilities = {  # noqa: RUF012
-        "canHandleVariableCommunicationStepSize": "false",
-        "fixedInternalStepSize": repr(STEP_S),
+        "canHandleVariableCommunicationStepSize": "true",
         "canGetAndSetFMUState": "true",
         "canBeInstantiatedOnlyOncePerProcess": "false",
     }

@@ -3,6 +3,7 @@ description, the compiled library, and the resources that the library reads."""
 
 import hashlib
 import platform
+import re
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -19,8 +20,12 @@ from forceaxis.fmu.description import About, Variable, Version
 from forceaxis.words import suggestion
 
 LIBRARY = Path(_core.__file__).with_name(f"{description.LIBRARY}.so")
+# Library for Windows on x86-64, which the preset win64 of CMake builds.
+WINDOWS_LIBRARY = LIBRARY.with_suffix(".dll")
 # {version of FMI: {machine: folder of the library}}; other machines: folder MACHINE-linux
 LINUX_FOLDERS = {"2.0": {"x86_64": "linux64"}, "3.0": {}}
+WINDOWS_FOLDERS = {"2.0": "win64", "3.0": "x86_64-windows"}
+SOURCES = re.compile(rb"forceaxis sources ([0-9a-f]{64})")  # in each library (host/fmu/sources.cpp)
 # Parts of the object table whose objects are variables of a unit.
 # The objects of all other parts concern buses and boards.
 PARTS = ("axis", "law", "recorder", "drive")
@@ -41,6 +46,8 @@ class Written:
     inputs: int
     outputs: int
     parameters: int
+    # folders of the libraries in the unit, such as "linux64", one for each platform
+    platforms: tuple[str, ...]
 
 
 def write_plant(
@@ -124,16 +131,14 @@ def _write(
     version: Version,
     out: Path,
 ) -> Written:
-    library = LIBRARY.read_bytes()
-    token = _token(version, facts, resources, library)
+    libraries = _libraries(version)
+    token = _token(version, facts, resources, libraries)
     resources |= {"forceaxis.unit": toml.write_text(facts | {"token": token}).encode()}
     variables = _variables(resources)
     about = About(f"forceaxis {facts['kind']}", title, token)
-    machine = platform.machine()
-    folder = LINUX_FOLDERS[version].get(machine, f"{machine}-linux")
     files = {
         "modelDescription.xml": description.xml(version, about, variables),
-        f"binaries/{folder}/{LIBRARY.name}": library,
+        **{f"binaries/{place}": library for place, library in libraries.items()},
         **{f"resources/{name}": content for name, content in sorted(resources.items())},
     }
     with (
@@ -153,14 +158,32 @@ def _write(
         counted.count("input"),
         counted.count("output"),
         counted.count("parameter"),
+        tuple(place.partition("/")[0] for place in libraries),
     )
 
 
+def _libraries(version: Version) -> dict[str, bytes]:
+    """Returns the libraries of a co-simulation unit by their paths below `binaries`: that of this
+    machine, and that of Windows if it was built from the same sources."""
+    machine = platform.machine()
+    folder = LINUX_FOLDERS[version].get(machine, f"{machine}-linux")
+    own = LIBRARY.read_bytes()
+    found = {f"{folder}/{LIBRARY.name}": own}
+    if WINDOWS_LIBRARY.is_file():
+        windows = WINDOWS_LIBRARY.read_bytes()
+        if SOURCES.findall(windows) == SOURCES.findall(own):
+            found[f"{WINDOWS_FOLDERS[version]}/{WINDOWS_LIBRARY.name}"] = windows
+    return found
+
+
 def _token(
-    version: Version, facts: Mapping[str, Any], resources: Mapping[str, bytes], library: bytes
+    version: Version,
+    facts: Mapping[str, Any],
+    resources: Mapping[str, bytes],
+    libraries: Mapping[str, bytes],
 ) -> str:
     """Returns a hash of all contents of a co-simulation unit."""
-    content = [version.encode(), toml.write_text(facts).encode(), library]
+    content = [version.encode(), toml.write_text(facts).encode(), *libraries.values()]
     content += [part for name, data in sorted(resources.items()) for part in (name.encode(), data)]
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in content)).hexdigest()
 
