@@ -77,6 +77,14 @@ def drive_parameters(model: str | Path) -> list[str]:
     return [name for name in given if isinstance(name, str)]
 
 
+def exact_parameters(model: str | Path) -> list[str]:
+    """Returns the names of the parameters that do not change: the speed of a stepper is that of its
+    pulses."""
+    drive = model_file.read(model).drive
+    speed = getattr(drive, "velocity_per_volt", None)
+    return [speed] if drive.type == "stepper" and isinstance(speed, str) else []
+
+
 def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
     overrides: linear.Overrides | None = None,
