@@ -279,6 +279,18 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
+// Returns the objects of the firmware whose values are overrides.
+std::vector<std::uint16_t> overridden_objects(std::span<const std::string> overrides) {
+  std::vector<std::uint16_t> objects;
+  for (const std::string &text : overrides) {
+    const std::size_t dot = text.find('.');
+    if (text.substr(0, dot) != "firmware") continue;
+    if (const auto object = find_object(text.substr(dot + 1, text.find('=') - dot - 1)))
+      objects.push_back(*object);
+  }
+  return objects;
+}
+
 // Returns true if the value of an override is the name of this parameter.
 bool names_parameter(const std::vector<sim::Override> &set, const std::string &parameter) {
   return std::any_of(set.begin(), set.end(), [&](const sim::Override &one) {
@@ -462,6 +474,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   for (sim::Parameter &p : source.parameters) p.used = names_parameter(experiment.set, p.name);
   names.points = experiment.model->point_names();
   sim::read_rows(root, names, experiment, Experiment::tables());
+  experiment.overridden = overridden_objects(overrides);
   expect_no_mode(root, experiment);
   experiment.cycle = program_of(folder, experiment);
   match_dac(root, experiment);

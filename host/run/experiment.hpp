@@ -323,6 +323,8 @@ struct Experiment {
   // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
+  // Objects whose values in `initial` come from an override of [firmware].
+  std::vector<std::uint16_t> overridden;
   // Actions of the experiment, sorted by tick.
   std::vector<Action> actions;
   // Program of the press cycle that mode -9 runs; NULL if the experiment has no program.

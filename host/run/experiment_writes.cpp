@@ -1,5 +1,7 @@
 #include "host/run/experiment_writes.hpp"
 
+#include <algorithm>
+
 #include "firmware/port/host/axis_host.h"
 #include "host/run/objects.hpp"
 
@@ -16,8 +18,14 @@ const char *refusal_text(int error) {
   }
 }
 
-void ExperimentWrites::write_initial(const Write &write) const {
+void ExperimentWrites::write_initial(const Write &write, bool has_stored) const {
   std::vector<ObjectWrite> remaining = experiment_->initial;
+  if (has_stored) {
+    const std::vector<std::uint16_t> &given = experiment_->overridden;
+    std::erase_if(remaining, [&given](const ObjectWrite &w) {
+      return object_meta(w.object).stored != 0 && std::ranges::find(given, w.object) == given.end();
+    });
+  }
   while (!remaining.empty()) {
     std::vector<ObjectWrite> refused;
     for (const ObjectWrite &w : remaining) {

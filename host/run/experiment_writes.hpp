@@ -43,8 +43,10 @@ class ExperimentWrites {
 
   // Makes the initial writes. One object can limit the value of another object, so refused writes
   // are repeated until the firmware has accepted all writes. Throws sim::InputError if the firmware
-  // finally refuses a write.
-  void write_initial(const Write &write) const;
+  // finally refuses a write. `has_stored`: the axis has loaded parameters that it stored. They
+  // remain, unless an override gives another value, because [firmware] is the state of an axis that
+  // has stored nothing.
+  void write_initial(const Write &write, bool has_stored = false) const;
 
   bool due(std::int64_t tick) const {
     return action_ != experiment_->actions.end() && action_->tick <= tick;

@@ -17,6 +17,14 @@ fw_t *power_up(const Experiment &experiment, const fw_config_t *given) {
   return axis_host_create_with(&config);
 }
 
+// Returns true if an axis in this state of its store (AXIS_STORE_STATE_) has loaded a parameter set
+// at power-up.
+bool has_loaded(std::int32_t store_state) {
+  return store_state == AXIS_STORE_STATE_LOADED || store_state == AXIS_STORE_STATE_LOADED_OLDER ||
+         store_state == AXIS_STORE_STATE_LOADED_PARTLY ||
+         store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
+}
+
 }  // namespace
 
 FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &options)
@@ -43,7 +51,7 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
                                 "; report this as an error of "
                                 "forceaxis");
   }
-  writes_.write_initial(writer());
+  writes_.write_initial(writer(), has_loaded(read(AXIS_OBJ_STORE_STATE)));
 }
 
 std::optional<CycleResult> FirmwareSide::cycle() const {

@@ -31,6 +31,7 @@ struct FirmwareOptions {
 class FirmwareSide {
  public:
   // Powers up the firmware and makes the initial writes by ExperimentWrites::write_initial().
+  // Parameters that the firmware has loaded from its store remain.
   // Throws sim::InputError if the firmware refuses an initial write. The experiment must exist as
   // long as this object.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);

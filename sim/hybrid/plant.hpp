@@ -175,8 +175,8 @@ class Plant {
   const SensorCodes &codes();
   /// Returns the value that an ADC would convert at this instant, in the unit of its signal. The
   /// value includes filter, creep, drift and limits. It does not include noise, rounding and the
-  /// sample instants of a converter with its own sample rate. The model must have the ADC, and the
-  /// ADC must not have a sinc filter.
+  /// sample instants and the sinc filter of a converter with its own sample rate. The model must
+  /// have the ADC.
   double reading(std::size_t channel);
   /// Returns the position in m that the encoder measures, without rounding. The model must have an
   /// encoder.

@@ -46,10 +46,8 @@ class Contacts {
            const std::vector<std::string> &moved, const std::vector<Numbers> &volts, int parts)
       : file_(file), held_(std::move(held)), fitted_(std::move(fitted)), parts_(parts) {
     const Model model = load(file_, held_);
-    if (!model.adc[0] || model.adc[0]->sinc_order > 0)
-      throw InputError(model.file, "adc",
-                       "expected a force on channel 0 without converter_filter, because a contact "
-                       "is fitted to the force at instants");
+    if (!model.adc[0])
+      throw InputError(model.file, "adc", "expected a force on channel 0, got none");
     encoder_ = model.encoder.has_value();
     for (const auto &body : model.bodies)
       moved_.push_back(std::find(moved.begin(), moved.end(), body.name) != moved.end());
@@ -165,6 +163,7 @@ void add_contacts(py::module_ &m) {
            "Simulates all contacts for each row of `values` (rows, parameters) in SI units. "
            "`starts` (rows, contacts, 3) has the shift of the moved bodies in m, their velocity in "
            "m/s and a voltage in V that is added to the command. Returns (rows, 2, steps of all "
-           "contacts): the value that ADC 0 converts, and the position of the encoder in m, at the "
+           "contacts): the signal that ADC 0 converts, before the filter and the clock of the "
+           "converter, and the position of the encoder in m, at the "
            "start of each step. A row that no plant can have is NaN.");
 }

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forceaxis._core import InputError
-from forceaxis.axis import actions, address, quantity
+from forceaxis.axis import actions, address, parameter_set, quantity
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.drive import FaultObjects, StatusObjects
 from forceaxis.axis.link import NoAnswer, Refused
@@ -100,7 +100,8 @@ def test_set_reads_back_what_the_axis_has():
 
 
 def test_what_a_simulated_axis_forgets_is_warned_of(tmp_path):
-    """Each command powers it up. [firmware] of its experiment is applied after the store."""
+    """Each command powers it up. It begins with what it has stored, and with [firmware] of its
+    experiment if it has stored nothing."""
     on = ["--on", f"sim:{CONTACT}@{tmp_path / 'axis.store'}"]
     done = forceaxis("axis", "set", *on, "force_gain=7", "contact_force=3")
     assert said(done) and done.stderr.count("\n") == 1
@@ -119,21 +120,29 @@ def test_what_a_simulated_axis_forgets_is_warned_of(tmp_path):
     assert before["force_gain"] == 5 and before["contact_force"] != 3
     assert has(*given) == wanted
     stored = forceaxis("axis", "params", "store", *on, *given)
-    assert said(stored) and stored.stderr == "", "[firmware] and --set agree with the axis"
-    assert has() == {"force_gain": 5, "contact_force": 3}
+    assert said(stored) and stored.stderr == ""
+    assert has() == wanted, "[firmware] gives 5"
+    assert has("--set", "firmware.force_gain=9") == wanted | {"force_gain": 9}, "one command alone"
+    assert has() == wanted
+    assert said(forceaxis("axis", "params", "restore", "--yes", *on))
+    assert has() == before
 
 
-def test_a_stored_value_that_firmware_sets_again_is_warned_of(tmp_path, capsys):
+def test_a_value_that_is_not_stored_is_warned_of(tmp_path, capsys):
+    def warning():
+        live_options.warn_of_power_up(axis)
+        return capsys.readouterr().err
+
     with Axis(SimLink(CONTACT, GAINS, tmp_path / "axis.store")) as axis:
         axis.acquire()
-        live_options.warn_of_power_up(axis)
-        assert capsys.readouterr().err == ""
+        assert warning() == ""
         axis.set(force_gain=7, position_gain=2, contact_force=3)
-        live_options.warn_of_power_up(axis)
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert "sets force_gain = 5, position_gain = 4 again" in line
-    assert "--set firmware.force_gain=7" in line and "contact_force" not in line
+        line = warning()
+        assert line.count("\n") == 1
+        assert "it then has force_gain = 5, position_gain = 4 again" in line
+        assert "--set firmware.force_gain=7" in line and "contact_force" not in line
+        parameter_set.store(axis)
+        assert warning() == ""
 
 
 @pytest.mark.parametrize(

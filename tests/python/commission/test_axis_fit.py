@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 from forceaxis import linear
 from forceaxis._core import InputError
-from forceaxis.commission import joint_fit, known, tune_fit, tune_results
+from forceaxis.commission import (
+    damper_fit,
+    joint_fit,
+    known,
+    tune_fit,
+    tune_results,
+)
 from forceaxis.design import data_sheet, new
+from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import loops
 
@@ -268,6 +275,21 @@ def test_priors_follow_the_part_that_a_parameter_plays(model):
     assert priors["m_w"] == known.Prior(4.0, known.GIVEN_SPREAD)
     assert priors["b_axis"] == known.Prior(150.0, 0.2)
     assert priors["m_axis"].spread == known.MASS_SPREAD and "force_per_count" not in priors
+
+
+@pytest.mark.parametrize("gain", [1.03, 0.97])
+def test_an_error_that_all_frequencies_have_in_common_is_in_the_interval(model, gain):
+    """A damper in place of dry friction errs with the same sign at neighbouring frequencies, so the
+    mean of many lines is not nearer to the truth."""
+    values = true_values(model, {"k_w": 1.3})
+    one = measured(model, values, error=0.003)
+    below = {name: getattr(one, name)[:20] for name in ARRAYS}  # no resonance there
+    one = replace(one, **below | {"response": below["response"] * gain})
+    found = fit_response.fit(one, {"k_w": values["k_w"]}, tries=0)
+    wide = damper_fit._with_common_error(damper_fit.DamperFit(found, one, (), {}), 0.03)
+    off = abs(math.log(found.values[0] / values["k_w"]))
+    assert found.single[0] < off < wide.single[0] < wide.joint[0] * 1.001
+    assert "3 % of the response" in wide.warnings[-1]
 
 
 @pytest.mark.parametrize("text", ["m_w", "m_w=0", "m_w=4+-0%", "m_w=4+-x%", "nobody=1"])

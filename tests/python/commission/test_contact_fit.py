@@ -33,6 +33,7 @@ from forceaxis.linear import plant_set, posterior, working
 from forceaxis.recordings import findings, model_error, signal_recording
 from forceaxis.recordings.model_error import ErrorSize
 from forceaxis.results import to_json
+from scipy import optimize
 
 MACHINE = hidden_machine.Machine(f_c=4.0, lag_rad_s=1500.0, b_w=80.0)
 
@@ -89,6 +90,52 @@ def test_a_brake_is_open_where_a_recording_begins_in_motion(head, first):
     off = problem.predict(problem.centre[None]).position[0] - touch.position.values
     # Where the recording begins in motion, its speed is known from three counts.
     assert abs(off[: int(touch.onset)]).max() < 5e-5
+
+
+def press_touch(folder, *more):
+    """Returns the model of a press, and a recording of its ticks by the simulator."""
+    done = verbs.forceaxis(
+        "new", folder, "--yes", "--no-design", "--drive", "velocity", "--motor", "rotary",
+        "--torque-constant-n-m-per-a", 0.92, "--rotor-inertia-kg-m2", 7.2e-4,
+        "--motor-peak-current-a", 14, "--lead-mm-per-rev", 1.6667, "--velocity-loop-hz", 45,
+        "--moving-mass-kg", 62, "--full-scale-speed-m-per-s", 0.08, "--inclination-deg", -90,
+        "--brake-holding-n", 2500, "--sensor-full-scale-n", 25000, "--sensor-bits", 24,
+        "--sensor-stiffness-n-per-m", 1.6e8, "--sensor-noise-n", 1.2, "--output-bits", 16,
+        "--encoder-counts-per-rev", 10000, "--workpiece-stiffness-n-per-m", 6e7,
+        "--workpiece-mass-kg", 4, "--approach-mm", 0.3, *more,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    file = folder / "model.toml"
+    text = file.read_text().replace('latency = "force_latency"',
+                                    'latency = "force_latency"\nsample_phase = 0.3e-3')  # fmt: skip
+    assert "sample_phase" in text
+    file.write_text(text)
+    run = Experiment.load(folder / "contact.toml").run({"verdict.window_s": 0.2}, duration_s=0.6)
+    recording = study.recording(SimpleNamespace(
+        codes=run["dac"], force_N=run["force"], position_m=run["position"],
+        time_s=np.arange(len(run["dac"])) / 1500,
+    ))  # fmt: skip
+    return str(file), recording
+
+
+@pytest.mark.parametrize(("rate", "ways"), [
+    (1000, ("--sensor-filter", "sinc5", "--bus-cycle-ms", 2)), (1500, ("--sensor-filter", "sinc3")),
+    (480, ()),
+])  # fmt: skip
+def test_a_contact_has_the_filter_and_the_clocks_of_the_machine(tmp_path, rate, ways):
+    """The simulator integrates the filter exactly at the instants of the samples. The brake opens
+    while the drive already pulls the axis through it."""
+    model, recording = press_touch(tmp_path / "servo", "--sensor-rate-hz", rate, *ways)
+    data = contact_data.touch_downs(model, [("touch", recording)], {})
+    problem = ContactProblem(model, data, {"k_w": Prior(6e7, 1.0)}, {})
+    found = optimize.least_squares(
+        lambda x: problem.residuals(np.append(problem.centre[:1], x)[None])[0],
+        problem.centre[1:], x_scale="jac", diff_step=1e-4,
+    )  # fmt: skip
+    cut = len(problem.force.values)
+    left = found.fun[: -problem.size]
+    assert np.sqrt(np.mean(left[:cut] ** 2)) < 1.1
+    assert np.sqrt(np.mean(left[cut:] ** 2)) < 1.1
 
 
 @pytest.mark.parametrize("change", [{}, {"f_c": 4.0}, {"lag_rad_s": 1500.0}, {"b_s": 0.0}])

@@ -90,6 +90,29 @@ def test_a_touch_down_is_held_against_a_posterior(tmp_path):
     assert (found.healthy, found.moved) == (False, ("k_w",))
 
 
+@pytest.mark.long
+def test_a_machine_that_is_nearly_its_model_is_healthy_and_drifts_by_name(tmp_path):
+    """Drive gains, friction and contact are a little off the model on both days, as the release
+    found: its error of the model is one of today too."""
+    machine, nearly, read, gain = contact_study.nearly(3)
+    names = contact_study.NEARLY
+    sheet = contact_study.sheet_of(machine, names, 3)
+    touches = contact_study.touched(nearly, read, 3, gain)
+    order = contact_study.order_of(tmp_path / "released", sheet, read, touches, names)
+    released = contact_fit.identify(order)
+    assert released.result.posterior.model_error
+    contact_fit.write(released, tmp_path / "out")
+
+    def judged(name, seed, **change):
+        touches = contact_study.touched(nearly.but(**change), read, seed, gain)
+        files = contact_study.order_of(tmp_path / name, sheet, read, touches, names).recordings
+        return health(HealthOrder(order.model, files, tmp_path / "out/posterior.json"))
+
+    same = [judged(f"same{i}", 700 + i).healthy for i in range(4)]
+    assert all(same), same
+    assert not judged("today", 800, k_w=1.5 * nearly.k_w).healthy
+
+
 @pytest.mark.parametrize(
     ("today", "text"),
     [

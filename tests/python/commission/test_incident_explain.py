@@ -14,6 +14,7 @@ from forceaxis.axis.sim import SimLink
 from forceaxis.cli import incident as cli_incident
 from forceaxis.commission import contact_elements, incident, incident_explain, incident_problem
 from forceaxis.commission.incident_explain import ExplainOrder, explain
+from forceaxis.design import data_sheet, new
 from forceaxis.experiments.experiment import Experiment
 from verbs import forceaxis
 
@@ -55,6 +56,32 @@ def test_a_stiff_workpiece_is_found_and_repeated(tmp_path, stiff):
     again = Experiment.load(tmp_path / "why/experiment.toml").run()
     assert (again.fault, told["fault"], told["repeats"]) == ("force_max", "force_max", True)
     assert (tmp_path / "why/explanation.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
+def test_a_press_on_a_bus_with_a_filter_is_explained(tmp_path):
+    """The black box has codes of 12 bits, and the second begins while the axis moves."""
+    values = {
+        "drive": "velocity", "bus_cycle_ms": "2", "output_bits": "16", "motor": "rotary",
+        "torque_constant_n_m_per_a": "0.92", "rotor_inertia_kg_m2": "7.2e-4",
+        "motor_peak_current_a": "14", "lead_mm_per_rev": "1.6667", "moving_mass_kg": "62",
+        "transmission_stiffness_n_per_m": "1.8e8", "backlash_mm": "0.02",
+        "guide_coulomb_n": "260", "inclination_deg": "-90", "brake_holding_n": "2500",
+        "full_scale_speed_m_per_s": "0.08", "velocity_loop_hz": "45",
+        "sensor_full_scale_n": "25000", "sensor_stiffness_n_per_m": "1.6e8",
+        "sensor_bits": "24", "sensor_rate_hz": "1000", "sensor_filter": "sinc3",
+        "sensor_noise_n": "1.2", "encoder_counts_per_rev": "10000",
+        "workpiece_stiffness_n_per_m": "6e7", "workpiece_mass_kg": "4", "approach_mm": "8",
+    }  # fmt: skip
+    new.write(tmp_path / "servo", *data_sheet.collect(values))
+    hidden = ["k_w=1.1e8", "firmware.mode=force", "firmware.force_max=20"]
+    link = SimLink(tmp_path / "servo/contact.toml", hidden)
+    found = incident_study.incident_of(link, 4.0)
+    result = explain(found, ExplainOrder(str(tmp_path / "servo/model.toml"))).result
+    best = result.causes[0]
+    assert (best.name, best.verdict, result.explained) == ("workpiece stiffness", "explains", True)
+    low, high = best.changes[0].interval
+    assert low < 1.1e8 < high and high / low < 1.1
 
 
 def test_an_encoder_that_slips_is_found(tmp_path):

@@ -21,6 +21,7 @@ import verbs
 from forceaxis import linear
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import NoAnswer
 from forceaxis.axis.sim import SimLink
 from forceaxis.commission import as_found, contact, known, machine_bounds, tune, tune_measure
 from forceaxis.commission.check import MotionCheck
@@ -160,7 +161,7 @@ class Session:
         a = max(abs(newton) / mass, 1e-9)
         speed += 2 * a / 1500  # a tick of twice the force
         way = speed**2 / (2 * a) + speed * t + a * t**2 / 2 + (speed + a * t) ** 2 / (2 * hold)
-        return 1e3 * way * self.counts_per_mm
+        return 1.01 * 1e3 * way * self.counts_per_mm + 2  # counts are rounded
 
     def expect_held(self, bound, toward=0.0):
         """The axis stands still, disabled, and was within `bound` counts of where it was when this
@@ -187,25 +188,30 @@ CASES = [
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
     """A function that gives (folder, machine, what `forceaxis new` says, what it does level)."""
-    folder = tmp_path_factory.mktemp("vertical")
+    folder, names = tmp_path_factory.mktemp("vertical"), itertools.count()
 
     @functools.cache
     def of(kind, number):
-        """Without machines that a check refuses when they lie level, such as those whose sensor
-        has more noise than contact_force."""
+        """Without machines that are refused when they lie level, such as those whose sensor has
+        more noise than contact_force, or whose first law does not reach the workpiece."""
         found = 0
         for seed in itertools.count():
             machine = drawn_machines.draw("vertical", seed, exact=True)
             if machine.drive != kind:
                 continue
-            place = folder / f"{kind}{number}-{seed}"
+            place = folder / f"{kind}{number}-{seed}-{next(names)}"
             given = {key: str(value) for key, value in machine.sheet.items()}
             first = new.write(place, *data_sheet.collect(given))
             level = Session(place, machine, first, 0.0, 0.0)
-            refused = any(step.verdict == "failed" for step in level.check().values())
-            if not refused and found == number:
-                return place, machine, first, (level.move(), level.press(), level.cycle())
-            found += not refused
+            if any(step.verdict == "failed" for step in level.check().values()):
+                continue
+            try:
+                done = level.move(), level.press(), level.cycle()
+            except NoAnswer:  # its first law does not reach the workpiece
+                continue
+            if found == number:
+                return place, machine, first, done
+            found += 1
 
     return of
 
@@ -274,6 +280,26 @@ def tuning(axis, model, out, **changed):
     return tune.Tuning(axis, dataclasses.replace(order, **changed), out)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_a_light_axis_may_drift_by_half_a_step_of_its_output(tmp_path, share):
+    """0.36 kg and 12 bits of output: half a code accelerates it by 0.1 m/s^2, and in the 60 ms in
+    which the first motion test has it stand, it moves by more than 100 counts of 0.4 um."""
+    model, link = delivered_head(
+        tmp_path, share, moving_mass_kg=0.3557, guide_damping_n_s_per_m=2.097,
+        force_constant_n_per_a=17.26, motor_peak_current_a=8.368, encoder_counts_per_mm=2705,
+        torque_damping_n_s_per_m=41.53, brake_holding_n=10.76, brake_release_ms=20.93,
+        brake_engage_ms=20.4, sensor_full_scale_n=29, sensor_bits=12, sensor_noise_n=0.005142,
+        sensor_stiffness_n_per_m=94900, workpiece_stiffness_n_per_m=63150, approach_mm=15,
+    )  # fmt: skip
+    with Axis(link) as axis:
+        axis.acquire()
+        axis.set(position_gain=0.09, force_scale=29e6 / 128)
+        run = MotionCheck(axis, weight=known.weight(model))
+        run.run(lambda text: True)
+        assert run.passed, [one.text for one in run.steps if one.verdict == "failed"]
+        assert axis.number("first_motion_counts") == 16, "as found"
+
+
 @pytest.mark.parametrize(("share", "gain", "per_mm"), [
     (0.8, 0.08, 2000),  # 49 codes of the weight are 600 counts beside the target
     (0.8, 0.3, 5000), (1.2, 0.3, 5000),  # 8 counts a tick are 2.4 mm/s
@@ -285,7 +311,7 @@ def test_a_weight_is_learned_with_any_position_gain_and_encoder(tmp_path, share,
         axis.set(position_gain=gain)
         run = MotionCheck(axis, weight=sheet)
         run.run(lambda text: True)
-        assert run.passed, run.steps
+        assert run.passed, [one.text for one in run.steps if one.verdict == "failed"]
         assert axis.read("output_bias") == pytest.approx(share * sheet.codes, abs=2)
 
 

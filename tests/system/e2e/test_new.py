@@ -19,6 +19,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import new_text
+from forceaxis.commission import known
 from forceaxis.design import changes, data_sheet, new, own_axis, simulate
 from forceaxis.design.grid import hf_of_noise
 from forceaxis.experiments import run as runs
@@ -211,6 +212,31 @@ def test_the_weight_of_a_code_is_the_drives_force(tmp_path):
     written(tmp_path / "fine", **HEAD, output_bits=16)
     text = (tmp_path / "fine/mine/contact.toml").read_text()
     assert tomllib.loads(text)["firmware"]["output_bias"] == -243.5
+
+
+@pytest.mark.parametrize("counter_N", [11, 20])
+def test_a_counterbalance_carries_its_part_of_the_weight(tmp_path, counter_N):
+    """Of 15.7 N. One that is stronger than the weight pulls the axis up."""
+    written(tmp_path, **HEAD, counterbalance_n=counter_N)
+    rest_N = 1.6 * 9.81 - counter_N
+    weight = known.weight(tmp_path / "mine/model.toml")
+    assert weight.newton == pytest.approx(rest_N)
+    text = (tmp_path / "mine/contact.toml").read_text()
+    assert tomllib.loads(text)["firmware"]["output_bias"] == round(-rest_N / (22 * 6 / 2048))
+    assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+    # The true one carries 1 N more, which `axis check` measures.
+    done = forceaxis(
+        tmp_path, "axis", "check", "--yes", "--on", "sim:mine/contact.toml", "--model",
+        "mine/model.toml", "--set", f"g_counter={-(counter_N + 1) / 1.6}",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    (found,) = re.findall(r"output_bias (-?\d+) codes", done.stdout)
+    assert int(found) == pytest.approx(-(rest_N - 1) / (22 * 6 / 2048), abs=3)
+
+
+def test_a_counterbalance_of_a_level_axis_is_refused(tmp_path):
+    done = forceaxis(tmp_path, "new", "mine", "--yes", "--no-design", "--counterbalance-n", "5")
+    assert done.returncode == 2 and "inclination" in done.stderr
 
 
 def test_a_move_that_ends_beside_its_target_is_not_stable(tmp_path):

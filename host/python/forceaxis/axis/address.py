@@ -5,7 +5,8 @@
     serial:/dev/ttyUSB0:3           Modbus RTU: unit 3; with a bit rate: serial:/dev/ttyUSB0@19200:3
     lcm:2                           axis 2 of a gateway; with the URL of an LCM bus: lcm:2@URL
     sim:contact                     simulated axis of the experiment `contact` (a name or a path);
-                                    sim:contact@FILE stores its parameters in FILE
+                                    sim:contact@FILE stores its parameters in FILE,
+                                    and begins with those that FILE has
 
 An address without the number of an axis names a bus. A command for one axis then uses number 1 on
 CAN and Modbus. With `can0:5@125`, this program has the node id 125 on the bus, for example because

@@ -133,10 +133,10 @@ class Link(abc.ABC):
         data."""
         return False
 
-    def set_at_power_up(self) -> dict[str, float]:
-        """Returns the parameters that get another value than their present one at the next
-        power-up, whatever the axis has stored: {name: engineering value that they get}. Only a
-        simulated axis has such parameters."""
+    def forgets(self) -> dict[str, float]:
+        """Returns the parameters whose present values end with this connection although the axis
+        may store them: {name: engineering value that they get}. Only a simulated axis, which is
+        powered up by each connection, has such parameters."""
         return {}
 
     def text(self, index: int) -> str | None:

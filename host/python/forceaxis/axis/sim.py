@@ -21,6 +21,7 @@ from forceaxis.axis.link import (
     unsigned,
 )
 from forceaxis.axis.parameter_file import engineering
+from forceaxis.bus.state_names import enum
 from forceaxis.objects import BY_NAME
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ class SimLink(RecorderLink):
     tables [[at]] of the experiment control the axis. If the experiment has no such tables, the axis
     stays disabled.
 
-    store: file of the parameter store, created if it does not exist. Raises InputError.
+    store: file of the parameter store, created if it does not exist. The axis begins with what it
+    has stored. If it has stored nothing, it begins with the values in [firmware] of the experiment.
+    An override replaces both. Raises InputError.
     """
 
     source = COMMAND_SOURCES.index("lcm")
@@ -55,7 +58,7 @@ class SimLink(RecorderLink):
         self.axis.step(1)
         inputs = _core.inputs(str(experiment), list(overrides))
         converters = inputs["converters"]
-        self._given = inputs["firmware"]
+        self._at_power_up = self._parameters(inputs["firmware"])
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
@@ -72,7 +75,8 @@ class SimLink(RecorderLink):
         return (
             f"{self.where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
             f"got {has:.6g}: its newtons are wrong by a factor of {sensor / has:.3g}; give "
-            f"[firmware] force_scale = {round(sensor * 1e6)}"
+            f"[firmware] force_scale = {round(sensor * 1e6)}, and store it if the axis has another "
+            "stored value"
         )
 
     def read(self, names: Iterable[str]) -> dict[str, int]:
@@ -84,17 +88,17 @@ class SimLink(RecorderLink):
                 raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
         return found
 
-    def set_at_power_up(self) -> dict[str, float]:
-        known = {name: BY_NAME[name] for name in self._given if BY_NAME[name].stored}
-        now = {
-            o.name: engineering(o, raw)
-            for o, raw in zip(known.values(), self.read(known).values(), strict=True)
-        }
-        return {
-            name: self._given[name]
-            for name, o in known.items()
-            if abs(now[name] - self._given[name]) > abs(o.scale) / 2
-        }
+    def _parameters(self, names: Iterable[str]) -> dict[str, float]:
+        """Returns the engineering values of those of these objects that the axis can store."""
+        stored = [BY_NAME[name] for name in names if BY_NAME[name].stored]
+        raw = self.read([o.name for o in stored])
+        return {o.name: engineering(o, raw[o.name]) for o in stored}
+
+    def forgets(self) -> dict[str, float]:
+        if enum("store_state", self.read_one("store_state")) == "saved":
+            return {}
+        now = self._parameters(self._at_power_up)
+        return {name: value for name, value in self._at_power_up.items() if now[name] != value}
 
     def text(self, index: int) -> str | None:
         return {0x1008: "simulator", 0x100A: _core.FIRMWARE_VERSION}.get(index)

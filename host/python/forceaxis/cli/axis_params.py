@@ -13,7 +13,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import File, Verbs, aligned, as_json, print_json, print_result
-from forceaxis.cli.live_options import AxisConnection, connected, live, owned, warn_of_power_up
+from forceaxis.cli.live_options import AxisConnection, connected, live, owned
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
@@ -175,7 +175,6 @@ def store(connection: AxisConnection, as_json: bool) -> None:
     with owned(connection) as found:
         parameter_set.store(found)
         where = found.link.where
-        warn_of_power_up(found)
     print_result({"store_state": "saved"}, as_json, lambda: f"{where}: stored")
 
 

@@ -384,17 +384,16 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
 
 
 def warn_of_power_up(axis: Axis) -> None:
-    """Print a warning if the axis loses values at its next power-up although they may be stored:
-    the table [firmware] of an experiment is applied after the store."""
-    lost = axis.link.set_at_power_up()
+    """Print a warning if the axis loses values at its next power-up although they may be stored."""
+    lost = axis.link.forgets()
     if not lost:
         return
     values = ", ".join(f"{name} = {value:g}" for name, value in lost.items())
     options = " ".join(f"--set firmware.{name}={axis.get(name)[name]}" for name in lost)
     click.echo(
-        f"forceaxis: warning: {axis.link.where}: each command powers it up, and [firmware] of its "
-        f"experiment then sets {values} again, also after `axis params store`; write the present "
-        f"values there, or give the next commands {options}",
+        f"forceaxis: warning: {axis.link.where}: each command powers it up, and it then has "
+        f"{values} again; give the next commands {options}, also `axis params store`, which keeps "
+        "the values in the file of its store",
         err=True,
     )
 

@@ -378,10 +378,10 @@ class Analyzer:
         presses with the force `force_N`. `of_loop`: True if only the sensitivity function has to be
         accurate. A smaller amplitude is then sufficient."""
         order = self.order
-        if not force_N * (1 + SWING / 2) < order.force_max_N:
+        if not force_N * (1 + SWING / 2) < self.force_max_N:
             raise Refusal(
                 "force",
-                f"expected a force set-point below {order.force_max_N / (1 + SWING / 2):.4g} N, "
+                f"expected a force set-point below {self.force_max_N / (1 + SWING / 2):.4g} N, "
                 f"so that the force with the excitation stays below force_max, got {force_N:g} N"
             )  # fmt: skip
         bias = self.press(force_N)
@@ -409,7 +409,7 @@ class Analyzer:
         `period`: period of the waveform in ticks. 0 means a waveform that is not periodic.
         """
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
-        most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
+        most = self.force_max_N - FORCE_MARGIN_SHARE * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
         self.set(
             excitation_waveform=waveform, excitation_point="output", excitation_code=0,
@@ -712,13 +712,18 @@ class Analyzer:
         not corrected."""
         return held.floats("force_raw") * self.count_per_code
 
+    @property
+    def force_max_N(self) -> float:
+        """Largest force in N: that of the order, or `force_max` of the axis if this is less."""
+        own = self.objects.force_max * self.newton
+        return min(self.order.force_max_N, own or math.inf)
+
     def press(self, force_N: float) -> float:
         """Approaches the workpiece in mode 4, and presses until the measured force has settled at
         `force_N`. Returns the settled force in N."""
         axis = self.axis
-        if math.isfinite(self.order.force_max_N):
-            bound, own = self.order.force_max_N / self.newton, self.objects.force_max
-            self.set(force_max=min(bound, own) if own else bound)
+        if math.isfinite(self.force_max_N):
+            self.set(force_max=self.force_max_N / self.newton)
         wanted, first_N = force_N, min(force_N, self.order.touch_N or force_N)
         self.set(target_force=self.per_mille(first_N))
         axis.enable("force")

@@ -261,10 +261,18 @@ class MotionCheck:
             return
         self.known = self.axis.record(CheckedObjects)
         if self.weight:
-            sag = math.ceil(SAG_FACTOR * self.weight.sag_counts)
+            # The output is up to half of its step beside the weight.
+            rounding = 2.0 ** (12 - self.known.dac_bits) / 2
+            drift = rounding * self.weight.drift_counts if self._weighs else 0.0
+            sag = math.ceil(SAG_FACTOR * (self.weight.sag_counts + drift))
             sag = min(sag, round(BY_NAME["first_motion_counts"].max))
             counts = max(self.known.first_motion_counts, sag)
-            self.known = replace(self.known, first_motion_counts=counts)
+            # An axis that is accelerated over a longer way becomes faster with its square root.
+            faster = math.sqrt(counts / self.known.first_motion_counts)
+            speed = min(faster * self.known.first_motion_speed, BY_NAME["first_motion_speed"].max)
+            self.known = replace(
+                self.known, first_motion_counts=counts, first_motion_speed=float(round(speed))
+            )
         self.bias = self.known.output_bias
         if self.weight and not self.bias:
             self.bias = self._rounded(self.weight.codes)
@@ -483,6 +491,7 @@ class MotionCheck:
             "following_error_max": _least(known.following_error_max, max(self.travel, self._sag())),
             "force_max": _least(known.force_max, force),
             "first_motion_counts": known.first_motion_counts,
+            "first_motion_speed": known.first_motion_speed,
             "profile_enable": "trapezoid",
             "profile_velocity_max": self._speed(),
             "profile_acceleration_max": self._speed() / 100,

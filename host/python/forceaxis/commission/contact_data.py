@@ -14,14 +14,18 @@ from scipy import optimize, special
 
 from forceaxis import linear
 from forceaxis._core import TICKS_PER_SECOND, InputError
-from forceaxis.commission import known
-from forceaxis.linear.plant_facts import Overrides
+from forceaxis.commission import contact_timing, known
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.recordings.robust import quiet_of
 from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecording
 from forceaxis.recordings.touch import RISEN_SHARE, contacts_of, largest_of, level_of, onset_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
+# Least number of time steps of the plant in a tick, for a force that is measured between ticks.
+BETWEEN_TICKS = 4
+# Least number of time steps of the plant in one period of a sensor with a sinc filter.
+FILTER_STEPS = 4
 PARTS_MAX = 8  # largest number of time steps of the simulated plant in one tick
 # Assumed noise of a signal without visible noise, divided by the step between two of its values.
 LEAST_NOISE_STEPS = 0.12
@@ -130,7 +134,8 @@ class TouchDown:
     recorded. `travel`: distance in m from the start to the onset. `speed`: speed in m/s at the
     start, and its standard deviation; both are 0 for an axis at rest. `held`: constant command in V
     of a touch-down without a recorded command, and its standard deviation. `recording`: number of
-    the recording that contains the touch-down."""
+    the recording that contains the touch-down. `late`: largest error, in time steps, that all times
+    of the force have in common, because the phase of the sensor's clock is not known exactly."""
 
     name: str
     volts: Floats
@@ -141,6 +146,7 @@ class TouchDown:
     speed: tuple[float, float] = (0.0, 0.0)
     held: tuple[float, float] = (0.0, 0.0)
     recording: int = 0
+    late: float = 0.0
 
     @property
     def zero_N(self) -> float:
@@ -287,15 +293,17 @@ def touch_downs(
     )
     if not all(commanded):
         # The samples of the force are not at ticks, and the force rises quickly between ticks.
-        parts = max(parts, 4)
-    reader = _Reader(model, held, parts)
+        parts = max(parts, BETWEEN_TICKS)
+    facts = linear.facts(model, held)
+    parts = max(parts, parts_of(facts))
+    reader = _Reader(facts, model, held, parts)
     touches = []
     for number, (name, given) in enumerate(recordings):
         recording = given.even(1 / reader.rate)
         ends = [-math.inf, *cuts_of(name, recording), math.inf]
         for i, (begin_s, end_s) in enumerate(pairwise(ends), 1):
             own = name if len(ends) == 2 else f"{name}, contact {i}"
-            part = _cut(recording, begin_s, end_s)
+            part, late_s = contact_timing.at_instants(_cut(recording, begin_s, end_s), facts)
             if all(commanded):
                 touch = _without_rest(reader.read(own, part))
                 # The drive already moves here, so the simulation begins with the earlier command.
@@ -303,8 +311,19 @@ def touch_downs(
                     touch = touch.until(len(touch.volts), round(RUN_UP_S * reader.rate))
             else:
                 touch = reader.shot(own, part)
-            touches.append(replace(touch, recording=number))
+            touches.append(replace(touch, recording=number, late=late_s * reader.rate))
     return ContactData(tuple(touches), parts, all(commanded))
+
+
+def parts_of(facts: PlantFacts) -> int:
+    """Returns the number of time steps of the plant in one tick that the force sensor needs: the
+    force changes between ticks, where a sensor with its own clock measures it, and a sinc filter
+    adds its values within a period."""
+    sampling = facts.reading.sampling if facts.reading else None
+    if sampling is None:
+        return 1
+    steps = math.ceil(FILTER_STEPS * sampling.rate_hz / TICKS_PER_SECOND)
+    return min(PARTS_MAX, max(BETWEEN_TICKS, steps if sampling.sinc_order else 1))
 
 
 def _signal(name: str, recording: SignalRecording, signal: str) -> RecordedSignal:
@@ -320,8 +339,8 @@ def _signal(name: str, recording: SignalRecording, signal: str) -> RecordedSigna
 class _Reader:
     """Builds touch-downs for one model from recordings."""
 
-    def __init__(self, model: str, held: Overrides, parts: int) -> None:
-        self.facts = linear.facts(model, held)
+    def __init__(self, facts: PlantFacts, model: str, held: Overrides, parts: int) -> None:
+        self.facts = facts
         self.parts, self.rate = parts, float(TICKS_PER_SECOND * parts)
         encoder = self.facts.required_encoder
         #: speed of the axis out of contact, divided by the command, in m/s per V

@@ -2,7 +2,8 @@
 
 The recorded command is the input of the simulated plant, so that no control law is needed. In
 addition to the fitted parameters, each touch-down has its own unknowns: the position of the axis
-before it (`place`), and the error of the encoder, which is a fraction of a count (`count`). If no
+before it (`place`), the error of the encoder, which is a fraction of a count (`count`), and the
+error of the times of a force sensor that has its own clock (`late`, in time steps). If no
 command was recorded, the speed at the start and the command are also unknowns. The zero of the
 force sensor is one more unknown, which all touch-downs have in common.
 """
@@ -17,10 +18,12 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
+from scipy import signal
 
 from forceaxis import _core, linear, toml
 from forceaxis._core import InputError
 from forceaxis.commission.contact_data import ContactData, Floats, Samples, TouchDown
+from forceaxis.commission.contact_timing import sinc_weights
 from forceaxis.commission.contact_workers import ContactsOrder, ContactWorkers
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
@@ -37,6 +40,7 @@ ZERO_SHARE = 0.01
 # An axis at rest keeps its position within REST_STEPS steps of the encoder, and within
 # REST_DEVIATIONS standard deviations of the noise of its position.
 REST_STEPS, REST_DEVIATIONS = 1.5, 6.0
+LATE_MIN = 0.02  # smallest error of the times of a force, in time steps, that is an unknown
 START_VALUES = 3  # number of start values in _core.Contacts: shift in m, speed in m/s, command in V
 # Function simulate(values, starts), which returns the same readings as _core.Contacts.run().
 Simulate = Callable[[Floats, Floats], Floats]
@@ -45,8 +49,8 @@ Simulate = Callable[[Floats, Floats], Floats]
 @dataclass(frozen=True)
 class Unknown:
     """An unknown number that is fitted in addition to the parameters of the model, with a normal
-    prior. `kind`: "zero", "place", "count", "speed" or "volts". `touch`: number of the touch-down,
-    or -1 if it belongs to all."""
+    prior. `kind`: "zero", "place", "count", "late", "speed" or "volts". `touch`: number of the
+    touch-down, or -1 if it belongs to all."""
 
     kind: str
     touch: int
@@ -88,9 +92,9 @@ def gap_of(model: str | Path, held: Overrides) -> float:
 
 
 def with_open_brake(model: str | Path, data: ContactData, held: Overrides) -> Overrides:
-    """Returns `held` with the times in which the brakes of a model open, as the touch-downs show
-    them. The simulation enables the drive at its start, and a recording often begins later. A brake
-    is open when the axis moves, so its time is at most that of the first recorded motion."""
+    """Returns `held` with brakes that open at the first recorded motion, if this is earlier than
+    the model says. The simulation enables the drive at its start, and a recording often begins
+    later."""
     rests = min((_rest_steps(touch) for touch in data.touches), default=math.inf) / data.rate_hz
     known = linear.facts(str(model), held).parameters
     times = [row.get("release") for row in toml.read(linear.find_model(model)).get("brake", ())]
@@ -139,7 +143,7 @@ class ContactProblem:
         site: int | Workers = 1,
     ) -> None:
         self.model, self.data, self.priors = Path(model), data, priors
-        self.held, self.site = with_open_brake(model, data, held), site
+        self.held, self.site = held, site
         self.errors: dict[str, ModelError] = {}
         gap = gap_of(self.model, held)
         self.places = np.array([gap - touch.travel for touch in data.touches])
@@ -154,13 +158,50 @@ class ContactProblem:
             tuple(moved_bodies(self.model)), tuple(touch.volts for touch in data.touches),
             data.parts,
         )  # fmt: skip
-        self.simulate = _simulation(self.model, self.order, site)
+        reading = linear.facts(str(model), held).reading
+        sampling = reading.sampling if reading else None
+        #: weights of the sinc filter of the force sensor, or None
+        self.filter = (
+            sinc_weights(sampling.sinc_order, sampling.period_s * data.rate_hz)
+            if sampling and sampling.sinc_order
+            else None
+        )
         self.force = Joined([t.force for t in data.touches], [len(t.volts) for t in data.touches])
         self.position = Joined(
             [t.position for t in data.touches], [len(t.volts) for t in data.touches]
         )
+        self._choose_brake()
+        self.simulate = _simulation(self.model, self.order, site)
         self.parts: tuple[ErrorPart, ...] = ()
         self.calls, self.counting = 0, threading.Lock()
+
+    def _choose_brake(self) -> None:
+        """Opens the brakes of the model at the first recorded motion, if the position before the
+        contact then agrees better with the model. It does not if the drive has pulled the axis
+        through its brake."""
+        held = with_open_brake(self.model, self.data, self.held)
+        if held == self.held:
+            return
+        opened = replace(self.order, held=held)
+        if self._free_misfit(opened) < self._free_misfit(self.order):
+            self.held, self.order = held, opened
+
+    def _free_misfit(self, order: ContactsOrder) -> float:
+        """Returns the sum of squares of the errors of the free motion at the centre of the priors,
+        in m^2."""
+        point = self.centre[None]
+        rows = order.on(self.model).run(self.values(point), self.starts(point), 1)[0, 1]
+        total = 0.0
+        for i, begin, end in self.position.parts:
+            free = (
+                self.position.exact[begin:end]
+                < self.position.ends[i][0] + self.data.touches[i].onset
+            )
+            measured = self.position.values[begin:end][free]
+            moved = self.position.at(rows[None])[0, begin:end][free]
+            off = measured - measured[:1] - moved + moved[:1]
+            total += float(np.sum(off**2))
+        return total
 
     def rows_of(self, touch: int) -> NDArray[np.int_]:
         """Returns the numbers of the residuals of force and position of a touch-down."""
@@ -224,6 +265,8 @@ class ContactProblem:
             found.append(Unknown("place", i, float(self.places[i]), PLACE_DEVIATION_M))
             if touch.position is not None:
                 found.append(Unknown("count", i, 0.0, touch.position.spread))
+            if touch.late > LATE_MIN:
+                found.append(Unknown("late", i, 0.0, touch.late / math.sqrt(3)))
             for kind, (mean, deviation) in (("speed", touch.speed), ("volts", touch.held)):
                 if deviation > 0:
                     found.append(Unknown(kind, i, mean, deviation))
@@ -269,12 +312,24 @@ class ContactProblem:
         rows = moved(values, starts)[0].reshape(2, count, steps)
         rows = rows - self.simulate(values, self.starts(point[None]))[0][:, None, :]
         self.calls += count + 1
-        force = self.force.at(rows[0]) / self.force.spread
+        force = self.force.at(self.sensed(rows[0])) / self.force.spread
         place = self.position.at(rows[1])
         for i, begin, end in self.position.parts:
             place[:, begin:end] -= rows[1][:, self.position.first_row[i], None]
         place = place / self.position.spread
         return np.asarray(np.concatenate([force, place], axis=1).T)
+
+    def sensed(self, rows: Floats) -> Floats:
+        """Returns the force behind the filter of the sensor's converter. `rows`: the force before
+        the filter at all time steps of all touch-downs, with one row for each simulation."""
+        if self.filter is None:
+            return rows
+        ends = np.cumsum([len(touch.volts) for touch in self.data.touches])[:-1]
+        found = []
+        for part in np.split(rows, ends, axis=1):
+            # Before its start, the force has had its first value.
+            found.append(signal.lfilter(self.filter, 1.0, part - part[:, :1]) + part[:, :1])
+        return np.concatenate(found, axis=1)
 
     def predict(self, points: Floats) -> Predicted:
         """Simulates all touch-downs for each point."""
@@ -283,7 +338,9 @@ class ContactProblem:
             self.calls += len(points)
         valid = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
         rows = np.where(valid[:, None, None], rows, 0.0)
-        force = self.force.at(rows[:, 0]) + self.number("zero", -1, points)[:, None]
+        late = [self.number("late", i, points) for i in range(len(self.data.touches))]
+        force = self.force.at(self.sensed(rows[:, 0]), late)
+        force = force + self.number("zero", -1, points)[:, None]
         place = self.position.at(rows[:, 1])
         for i, begin, end in self.position.parts:
             touch = self.data.touches[i]
@@ -372,10 +429,24 @@ class Joined:
         self.on_rows = bool(np.all(self.share < 1e-6))
         self.high = self.low if self.on_rows else np.minimum(self.low + 1, first[-1] - 1)
         self.values, self.spread = joined(values), joined(spread)
+        self.exact, self.ends = (
+            at,
+            [(int(first[i]), int(first[i + 1]) - 1) for i in range(len(each))],
+        )
 
-    def at(self, rows: Floats) -> Floats:
+    def at(self, rows: Floats, late: Sequence[Floats] = ()) -> Floats:
         """Returns the simulated signal at the times of the samples, by interpolation. `rows` has
-        the values of the signal at all time steps, with one row for each point."""
+        the values of the signal at all time steps, with one row for each point. `late` has for each
+        touch-down the time steps by which the samples of each point are later."""
+        if any(np.any(one) for one in late):
+            found = np.empty((len(rows), len(self.values)))
+            for i, begin, end in self.parts:
+                at = np.clip(self.exact[begin:end] + late[i][:, None], *self.ends[i])
+                low = np.minimum(at.astype(int), self.ends[i][1] - 1)
+                left = np.take_along_axis(rows, low, axis=1)
+                right = np.take_along_axis(rows, low + 1, axis=1)
+                found[:, begin:end] = left + (at - low) * (right - left)
+            return found
         if self.on_rows:
             return np.asarray(rows[:, self.low])
         low = rows[:, self.low]

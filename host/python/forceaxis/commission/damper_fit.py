@@ -219,6 +219,7 @@ def _with_fewest_dampers(
         fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
         if fitted is None or fitted.found.rejected:
             continue
+        fitted = replace(fitted, found=_with_common_error(fitted, error))
         # A damper is accepted if the fit improves by more than the penalty of a parameter.
         if not about.is_recorded:
             plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
@@ -229,6 +230,30 @@ def _with_fewest_dampers(
         if best is None or fitted.found.p_value > best.found.p_value:
             best = fitted
     return best
+
+
+def _with_common_error(fitted: DamperFit, error: float) -> fit_response.ParameterFit:
+    """Returns a fit whose intervals include what the relative error of a damper does if it has the
+    same sign at neighbouring frequencies: gain and phase of the response are changed, in all the
+    band and in opposite directions at its ends, and each change is fitted."""
+    found, measured = fitted.found, fitted.measured
+    place = np.linspace(0.0, math.pi, len(measured.frequency_hz))
+    starts = dict(zip(found.names, found.values.tolist(), strict=True))
+    moves = []
+    for change in (error * np.exp(0j * place), 1j * error * np.exp(0j * place),
+                   error * np.cos(place), 1j * error * np.cos(place)):  # fmt: skip
+        other = replace(measured, response=measured.response * np.exp(change))
+        moves.append(np.log(fit_response.fit(other, starts, tries=0).values / found.values))
+    common = np.array(moves).T @ np.array(moves)
+    wider = np.sqrt(1 + np.diag(common) / np.diag(found.covariance))
+    warning = (
+        f"dry friction is fitted as a damper, whose error of {100 * error:.0f} % of the response "
+        "is in the intervals; `tune` fits several responses at once"
+    )
+    return replace(
+        found, covariance=found.covariance + common, single=found.single * wider,
+        joint=found.joint * wider, warnings=(*found.warnings, warning),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

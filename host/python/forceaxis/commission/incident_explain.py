@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from forceaxis import paths, progress
-from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.commission import contact_check, incident_repeat
 from forceaxis.commission.contact_fit import REJECTED_BELOW
 from forceaxis.commission.incident import Incident
@@ -142,18 +141,19 @@ def explain(incident: Incident, order: ExplainOrder) -> Explained:
         files = incident_repeat.files(incident, released, fits[0])
         repeats = incident_repeat.repeats(incident, files) if files else None
     touch = released.data.touches[0]
-    touched = touch.onset < len(touch.force.values) - 1
-    used = slice(max(0, int(touch.onset) - SPEED_TICKS), int(touch.onset) + 1)
+    rate, last = released.data.rate_hz, len(touch.volts) - 1
     assert touch.position is not None
-    speed = np.polyfit(touch.position.at[used], touch.position.values[used], 1)[0]
+    at = touch.position.at
+    used = (at >= touch.onset - SPEED_TICKS * released.data.parts) & (at <= touch.onset)
+    speed = np.polyfit(at[used], touch.position.values[used], 1)[0]
     result = Explanation(
         where=incident.where,
         fault=incident.fault,
         model=paths.display(released.path),
         posterior=paths.display(order.posterior) if order.posterior else None,
         ticks=len(touch.force.values),
-        touch_s=(touch.onset - len(touch.force.values) + 1) / TICKS_PER_SECOND if touched else None,
-        speed_m_per_s=float(speed) * TICKS_PER_SECOND,
+        touch_s=(touch.onset - last) / rate if touch.onset < last else None,
+        speed_m_per_s=float(speed) * rate,
         peak_N=float(touch.force.values.max()),
         explained=causes[0].p >= REJECTED_BELOW,
         repeats=repeats,
@@ -225,7 +225,8 @@ def figure(found: Explained) -> "Figure":
     for column, (label, signal, scale) in enumerate(parts):
         upper, lower = rows[0][column], rows[1][column]
         joined = getattr(best.problem, signal)
-        ms = 1e3 * (joined.low - joined.low[-1]) / TICKS_PER_SECOND
+        data = best.problem.data
+        ms = 1e3 * (joined.exact - len(data.touches[0].volts) + 1) / data.rate_hz
         upper.plot(ms, scale * joined.values, ".", color=INK, markersize=2.5, label="measured")
         shown = [(best, GOT, best.cause.name)]
         if base is not best:

@@ -6,15 +6,17 @@ the model. A change of a sensor is an additional unknown. The likelihood is ther
 forceaxis.commission.contact_likelihood.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tomlkit
 
 from forceaxis import _core, linear
 from forceaxis._core import TICKS_PER_SECOND, InputError
-from forceaxis.commission import contact_data
+from forceaxis.commission import contact_data, contact_timing
 from forceaxis.commission.contact_data import SPEED_SHARE, ContactData, Floats, Samples, TouchDown
 from forceaxis.commission.contact_likelihood import (
     START_VALUES,
@@ -22,12 +24,21 @@ from forceaxis.commission.contact_likelihood import (
     Predicted,
     Unknown,
     gap_of,
+    moved_bodies,
+    with_open_brake,
 )
+from forceaxis.commission.contact_workers import ContactsOrder
 from forceaxis.commission.incident import Incident
 from forceaxis.commission.known import Prior
-from forceaxis.linear.plant_facts import Overrides
+from forceaxis.design import model_file
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.recordings.findings import spikes
 from forceaxis.recordings.robust import quiet_of, without
+from forceaxis.recordings.signal_recording import (
+    RecordedSignal,
+    RecordingSource,
+    SignalRecording,
+)
 
 # Standard deviation in m of the position of an axis that is homed as in its model.
 PLACE_KNOWN_M = 2e-5
@@ -36,6 +47,7 @@ PLACE_KNOWN_M = 2e-5
 TOUCH_DEVIATIONS, TOUCH_STEPS = 6.0, 2.0
 # a recorded second must begin with at least this number of ticks without contact
 FREE_TICKS_MIN = 10
+RUN_UP_S = 0.1  # time in s after which a velocity loop has settled
 REST_TICKS = 4  # the speed at the start is computed from this number of ticks
 
 
@@ -169,6 +181,24 @@ def start_place(model: str | Path, held: Overrides) -> float:
     return float(rows[0, 1, 0])
 
 
+def _recorded(incident: Incident, used: slice, facts: PlantFacts) -> SignalRecording:
+    """Returns force in N, position in m and command in V of the first ticks of an incident."""
+    counts, codes = incident.column("position"), incident.column("dac_code")
+    columns = {
+        "force": incident.force_N[used],
+        "position": counts[used] / facts.required_encoder.scale,
+        "code": codes[used] * float(facts.volts_per_code),
+    }
+    signals = tuple(
+        RecordedSignal(
+            name, "1", name, "1", 1.0, 1, TICKS_PER_SECOND,
+            time_s=np.arange(len(values)) / TICKS_PER_SECOND, values=np.asarray(values, float),
+        )
+        for name, values in columns.items()
+    )  # fmt: skip
+    return SignalRecording("incident", RecordingSource(incident.where, "incident", "", 0), signals)
+
+
 def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactData:
     """Converts the ticks of an incident before its fault to the form that the likelihood needs.
     Raises InputError if the recording begins in contact."""
@@ -194,21 +224,57 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     touched = np.flatnonzero(is_touched)
     onset = int(touched[0]) if len(touched) else len(force_N) - 1
     noise, count = contact_data.noise_of(rest_N[:onset], step)
-    force = Samples(ticks, force_N, step, noise, count, quiet_of(rest_N[:onset], step).noise)
     scale = facts.required_encoder.scale
-    counts = incident.column("position")[used].astype(float)
-    position = Samples(
-        ticks, counts / scale, abs(1 / scale), contact_data.LEAST_NOISE_STEPS * abs(1 / scale), 0
-    )
+    recorded, late_s = contact_timing.at_instants(_recorded(incident, used, facts), facts)
+    parts = contact_data.parts_of(facts)
+    rate = float(TICKS_PER_SECOND * parts)
+
+    def samples(name: str, step: float, noise: float, free: int = 0, seen: float = 0.0) -> Samples:
+        # Samples before the first tick are left out, because the simulation begins there.
+        signal = recorded[name]
+        at = np.round(signal.time_s * rate, 6)
+        return Samples(at[at >= 0], signal.values[at >= 0], step, noise, free, seen)
+
+    force = samples("force", step, noise, count, quiet_of(rest_N[:onset], step).noise)
+    count_m = abs(1 / scale)
+    position = samples("position", count_m, contact_data.LEAST_NOISE_STEPS * count_m)
     shift = float(position.values[0]) - start_place(model, held)
-    early = position.values[:REST_TICKS]
-    speed = float(np.polyfit(position.at[: len(early)], early, 1)[0]) * TICKS_PER_SECOND
+    early = slice(max(2, int(np.count_nonzero(position.at < REST_TICKS * parts))))
+    speed = float(np.polyfit(position.at[early], position.values[early], 1)[0]) * rate
     slowest = position.step * TICKS_PER_SECOND / REST_TICKS
     if abs(speed) <= slowest:
         speed = 0.0
+    steps = np.arange((len(ticks) - 1) * parts + 1) / rate
+    # The black box has codes of 12 bits. A finer output has an error of its rounded code.
+    is_fine = facts.volts_per_step < facts.volts_per_code
+    rounding = float(facts.volts_per_code) / math.sqrt(12) if is_fine else 0.0
     touch = TouchDown(
-        "incident", np.asarray(incident.column("dac_code")[used] * float(facts.volts_per_code)),
-        float(onset), force,
+        "incident", recorded.held("code", steps), float(onset * parts), force,
         position, gap_of(model, held) - shift, (speed, max(SPEED_SHARE * abs(speed), slowest)),
+        held=(0.0, rounding), late=late_s * rate,
     )  # fmt: skip
-    return ContactData((touch,))
+    if speed and facts.required_drive.type == "velocity":
+        touch = _run_up(touch, model, held, rate)
+    return ContactData((touch,), parts)
+
+
+def _run_up(touch: TouchDown, model: str | Path, held: Overrides, rate: float) -> TouchDown:
+    """Leaves out the first samples of an axis that a velocity loop already moves. The loop begins
+    the simulation without the force that friction needs, and the axis falls behind. The start is
+    moved by this distance."""
+    begin = round(RUN_UP_S * rate)
+    if begin >= touch.onset:
+        return touch
+    assert touch.position is not None
+    moved = moved_bodies(model)
+    order = ContactsOrder(
+        tomlkit.dumps(model_file.document(Path(model))),
+        with_open_brake(model, ContactData((touch,), round(rate / TICKS_PER_SECOND)), held),
+        (), tuple(moved), (touch.volts[: begin + 1],), round(rate / TICKS_PER_SECOND),
+    )  # fmt: skip
+    start = np.array([[[gap_of(model, held) - touch.travel, touch.speed[0], 0.0]]])
+    rows = order.on(Path(model)).run(np.zeros((1, 0)), start, 1)[0, 1]
+    went = np.interp(begin, touch.position.at, touch.position.values) - touch.position.values[0]
+    behind = float(went) - float(rows[begin] - rows[0])
+    later = touch.until(len(touch.volts), begin)
+    return replace(later, travel=touch.travel - behind)

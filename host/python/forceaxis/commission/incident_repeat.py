@@ -147,4 +147,4 @@ def _sensors(document: Any, released: Released, fit: FittedCause) -> list[dict[s
     document["body"].append(tomlkit.item(body))
     document.setdefault("damper", tomlkit.aot()).append(tomlkit.item(held))
     impulse = {"body": "encoder_tape", "N_s": -changed["slip"] * SCALE_N_S_PER_M}
-    return [{"time_s": fit.cause.slip_at / TICKS_PER_SECOND, "impulse": impulse}]
+    return [{"time_s": fit.cause.slip_at / fit.problem.data.rate_hz, "impulse": impulse}]

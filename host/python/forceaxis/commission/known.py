@@ -50,6 +50,7 @@ NOISE_PEAK_FACTOR = 2
 # The excitation by noise may use this fraction of the limit of the drive.
 # A step from one noise value to the next is up to twice the amplitude.
 LINEAR_SHARE = 0.7
+ZERO_S = 0.06  # time in s in which the first motion test has the axis stand without a command
 # Smallest compliance behind the contact, divided by the compliance of the contact.
 # Below this ratio of compliances, a workpiece that always sticks cannot be detected.
 SUPPORT_COMPLIANCE_SHARE = 0.3
@@ -75,6 +76,14 @@ def drive_parameters(model: str | Path) -> list[str]:
     """Returns the names that the table [drive] of a model gives in place of numbers."""
     given = [getattr(model_file.read(model).drive, key) for key in DRIVE_SPREADS]
     return [name for name in given if isinstance(name, str)]
+
+
+def exact_parameters(model: str | Path) -> list[str]:
+    """Returns the names of the parameters that do not change: the speed of a stepper is that of its
+    pulses."""
+    drive = model_file.read(model).drive
+    speed = getattr(drive, "velocity_per_volt", None)
+    return [speed] if drive.type == "stepper" and isinstance(speed, str) else []
 
 
 def priors(
@@ -259,13 +268,15 @@ class Weight:
     holds, 0 without a brake. `fall_m`: way in m of an axis without friction in this time, which
     turns its rotor as it falls.
     `sag_counts`: way in encoder counts until a drive with an integral holds the weight after its
-    brake has opened, 0 for other drives."""
+    brake has opened, 0 for other drives. `drift_counts`: way in encoder counts in ZERO_S for each
+    DAC code that the output is beside the weight, 0 for a drive with an integral."""
 
     newton: float
     newton_per_code: float
     engage_s: float = 0.0
     fall_m: float = 0.0
     sag_counts: float = 0.0
+    drift_counts: float = 0.0
 
     @property
     def codes(self) -> float:
@@ -312,7 +323,17 @@ def weight(model: str | Path, overrides: linear.Overrides | None = None) -> Weig
     moving = sum(mass or 0.0 for mass in falling)
     fall_m = abs(total / moving) * engage_s**2 / 2 if moving else 0.0
     per_code = math.inf if holds else newton_per_code(model, overrides)
-    return Weight(total, per_code, engage_s, fall_m, abs(sag))
+    drift = 0.0
+    if total and moving and not holds:
+        free_counts = (
+            per_code
+            / moving
+            * ZERO_S**2
+            / 2
+            * abs(linear.facts(model, overrides).required_encoder.scale)
+        )
+        drift = min(free_counts, abs(code_rate(model, overrides)) * ZERO_S)
+    return Weight(total, per_code, engage_s, fall_m, abs(sag), drift)
 
 
 def _joined(model: str | Path, bodies: Iterable[str]) -> list[str]:

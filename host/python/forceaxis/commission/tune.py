@@ -24,6 +24,7 @@ from forceaxis._core import InputError
 from forceaxis.axis import bounds, parameter_set, quantity
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import FORCE_SCALE_TOLERANCE, REASONS, TICKS_PER_S, NoAnswer, Refused
+from forceaxis.axis.values import PlannedValues
 from forceaxis.commission import (
     analyzer,
     as_found,
@@ -126,6 +127,8 @@ AVERAGES_FACTORS = (1, 4, 16)
 # Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
 BAND_RATIO_MIN = 20.0  # smallest ratio of the highest and the lowest frequency of a response
+# Largest `force_max` that is written, divided by the largest force that the sensor can show.
+READABLE_SHARE = 0.98
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
@@ -169,6 +172,7 @@ class AxisSettings:
     force_sign: int
     approach_velocity_max: float
     contact_force: float
+    force_max: float
 
 
 def check(tuning: TuningFolder) -> Checked:
@@ -180,6 +184,7 @@ def check(tuning: TuningFolder) -> Checked:
     _expect_axis_of_model(tuning, held, facts)
     settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)
     settings |= _approach_settings(tuning, held, facts)
+    settings |= _force_bound(tuning, held, facts)
     rest = analyzer_of(tuning).rest()
     _expect_noise(tuning, rest, facts)
     settings |= _contact_settings(tuning, held, rest, facts)
@@ -293,6 +298,18 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
             f"model, or give `approach_mm_per_s` {1.1 * gap / APPROACH_LONGEST_S / per_mm:.2g}"
         )  # fmt: skip
     return settings
+
+
+def _force_bound(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
+    """Returns the `force_max` of the request if the axis has none, so that the axis keeps the bound
+    with the force law. A sensor at an end of its range cannot show a larger force, so the bound is
+    below this end."""
+    if held.force_max:
+        return {}
+    counts = tuning.order.force_max_N / abs(facts.required_reading.per_count)
+    reading = bounds.of_reading(PlannedValues(tuning.axis, {}))
+    most = READABLE_SHARE * reading.most if reading else counts
+    return {"force_max": math.floor(256 * min(counts, most)) / 256}
 
 
 def _expect_noise(tuning: TuningFolder, rest: Rest, facts: PlantFacts) -> None:

@@ -243,6 +243,11 @@ class SheetValues:
         'angle of the motion to the workpiece: 90 presses vertically up, -90 vertically '
         'down; or "horizontal"', word="horizontal",
     ))  # fmt: skip
+    counterbalance_n: float = number(SheetField(
+        "axis", "N", 0, 1e7, 0.0, "none",
+        "force of a spring, cylinder or counterweight that carries the weight or a part of it; the "
+        "mass of a counterweight is a part of the moving mass", needs="inclination_deg",
+    ))  # fmt: skip
     brake_holding_n: float | None = number_or_word(SheetField(
         "axis", "N", 1e-3, 1e7, lambda v: default_brake_n(v), "twice the weight",
         "force of the holding brake along the axis: torque over travel per radian; or "
@@ -467,11 +472,18 @@ class SheetValues:
         return samples / self.sensor_rate_hz + self.sensor_latency_ms / 1e3 + tick_s
 
     @property
-    def weight_n(self) -> float:
+    def gravity_n(self) -> float:
         """Returns the component of the weight along the axis in N, positive toward the
-        workpiece."""
+        workpiece, without a counterbalance."""
         rise = math.radians(self.inclination_deg or 0.0)
         return -GRAVITY_M_PER_S2 * self.moving_mass_kg * math.sin(rise)
+
+    @property
+    def weight_n(self) -> float:
+        """Returns the rest of the weight that the drive holds, along the axis in N, positive toward
+        the workpiece. It has the other sign if the counterbalance is stronger than the weight."""
+        gravity = self.gravity_n
+        return gravity - math.copysign(self.counterbalance_n, gravity) if gravity else 0.0
 
 
 def default_speed_m_per_s(v: SheetValues) -> float:
@@ -511,8 +523,8 @@ def default_latency_ms(v: SheetValues) -> float:
 
 def default_brake_n(v: SheetValues) -> float:
     """Returns the default holding force of the brake in N: twice the component of the weight along
-    the axis, and at least 1 N."""
-    return max(1.0, 2.0 * abs(v.weight_n))
+    the axis, without a counterbalance, which may fail, and at least 1 N."""
+    return max(1.0, 2.0 * abs(v.gravity_n), 2.0 * abs(v.weight_n))
 
 
 FIELDS = tuple(
