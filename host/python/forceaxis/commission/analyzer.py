@@ -63,14 +63,13 @@ MOVE_S, MOVE_FACTOR = 20.0, 2.0
 # Time in s in which the axis has to be at standstill, and longest time until then.
 RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
-# Time in s in which an axis has to stay in contact, so that the contact is not lost, and number of
-# such times.
+# KEPT_S: time in s for which an axis has to stay in contact, so that the contact is not lost.
+# KEPT_TRIES: largest number of such times for which the program waits.
 KEPT_S, KEPT_TRIES = 1.0, 10
-# While an axis comes to a standstill, its force comes nearer to the set-point if their distance
-# becomes smaller by this factor.
+# The force of a moving axis approaches the set-point if their distance decreases by this factor.
 APPROACHES_SHARE = 0.9
-# At a standstill, the force still comes nearer if the distance becomes smaller by this share in
-# this time in s.
+# At a standstill, the force still approaches the set-point if their distance decreases enough.
+# NEARER_SHARE: smallest relative decrease of the distance within the time NEARER_S in s.
 NEARER_SHARE, NEARER_S = 0.02, 3.0
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
@@ -87,15 +86,15 @@ AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor of one increase of the amplitude i
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FACTOR_MAX_SLIDING = 2.0  # largest factor of one increase of the amplitude in the search
-# Peak-to-peak range of the force, divided by the bias force, that an axis with friction may use in
-# contact, so that it slides most of the time. It is the range down to the smallest permitted force.
+# Largest peak-to-peak range of the force in contact, divided by the bias force, with dry friction.
+# The range reaches down to the smallest permitted force, so that the axis slides most of the time.
 SWING_SLIDING = 2 * (1 - FORCE_MIN_SHARE - FORCE_MARGIN_SHARE)
 FREE_SWING_CNT = 400  # largest peak-to-peak motion out of contact, in encoder counts
 FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling time in contact
 # Settling time while the amplitude is searched, divided by the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
-# A text about an unsettled force is about this number of last readings. Their swing, divided by the
-# set-point, counts as one from this value on.
+# UNSETTLED_READINGS: number of last readings that a text about an unsettled force describes.
+# UNSETTLED_SHARE: range of these readings, divided by the set-point, from which the force swings.
 UNSETTLED_READINGS, UNSETTLED_SHARE = 10, 0.05
 # Averaging may end when the median of the relative error over the frequencies is below this value.
 ERROR_ENOUGH = 0.04
@@ -273,7 +272,7 @@ class Analyzer:
         self.home = self.objects.position
         # True if a smaller amplitude does not reduce the distortion of a response
         self._takes_distortion = False
-        # The noise keeps each value for so many times less than its band permits.
+        # Factor by which the noise keeps each value for a shorter time than its band permits.
         self._shorter = 1
         facts = linear.facts(self.model, self.overrides) if self.model else None
         self.bus = facts.bus if facts else BusFacts(1, 0, 0)
@@ -592,7 +591,7 @@ class Analyzer:
     def _steps(self, output: OutputSignal) -> response.Steps:
         code_step = 2.0 ** (DAC_BITS - self.objects.dac_bits)
         # A bus holds each position for one cycle, and with it the rounding error of the position.
-        # A slow sensor holds each force in the same way.
+        # A slow sensor holds each measured force, with its rounding error, for one sampling period.
         if output is FORCE:
             return code_step, self.count_per_code * math.sqrt(self.held_ticks)
         return code_step, math.sqrt(self.bus.cycle_ticks)
@@ -627,7 +626,7 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            # An axis that sticks has little noise.
+            # The position of an axis that sticks has little noise.
             # The expected deviation of an axis that sticks is small, so it does not show sliding.
             # With dry friction, the search increases the amplitude up to its bound.
             may_stick = self.order.rubs and output is FORCE
@@ -663,8 +662,8 @@ class Analyzer:
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
 
     def _widened(self, level: Level) -> bool:
-        """Widens the travel of an axis that leaves it already with the smallest amplitude. Returns
-        False if the request does not permit it."""
+        """Widens the permitted travel, because the axis leaves it even with the smallest
+        amplitude. Returns False if the request does not permit this."""
         bound: Literal["travel", "squeeze"] = "travel" if level.bias_N is None else "squeeze"
         own, most = (getattr(self.order, name) for name in (bound, f"{bound}_most"))
         wider = min(2 * own, most)
@@ -795,9 +794,9 @@ class Analyzer:
         return before, self.axis.record(KeptObjects)
 
     def _nearest(self, force_N: float) -> float:
-        """Returns the force in N at which the axis stands. If it is not `force_N` yet, waits as
-        long as it comes nearer, because the force of a slow loop hardly changes in the time in
-        which standing() compares it."""
+        """Returns the force in N at which the axis comes to rest. Waits as long as the force
+        approaches `force_N`, because the force of a slow loop hardly changes in the time over which
+        standing() compares it."""
         reached = self.standing()
         while (away_N := abs(reached - force_N)) > self.order.within * force_N:
             self.wait(NEARER_S, self._expect_enabled)

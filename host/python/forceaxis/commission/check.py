@@ -29,21 +29,22 @@ DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more ac
 FIRST_MOTION_REACH = 8
 # Default values of the move out and back: travel in encoder counts, and largest DAC code.
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
-# Smallest distance of the first motion test, divided by the way in which a drive with an integral
-# takes over the weight from the brake.
+# Smallest distance of the first motion test, divided by the travel while the drive takes a weight.
+# It is the travel in which a drive with an integral takes over the weight from the brake.
 SAG_FACTOR = 2.0
 # steps in which the axis moves
 MOVING_STEPS = ("first motion", "move", "weight")
-# Times in s: for which the position law holds the axis before its output is read, and in which the
-# output at standstill is averaged. Difference in DAC codes between two outputs that counts as none.
+# HOLD_S: time in s for which the position law holds the axis before its output is read.
+# AT_REST_S: time in s over which the output at standstill is averaged.
+# SAME_CODES: difference of two outputs, in DAC codes, up to which they count as equal.
 HOLD_S, AT_REST_S, SAME_CODES = 1.5, 0.5, 2.0
 # time in s in which the position law brings the axis to rest after the first motion test
 AFTER_FIRST_MOTION_S = 0.5
-# Largest relative difference between the measured weight and that of the model. Largest relative
-# difference between the output at standstill and the output_bias with which the axis was held; with
-# a larger one, the sign of output_bias or the size of the weight is wrong. With a wrong sign, the
-# difference is twice the output_bias. A motor constant a third below its data sheet and a weight a
-# tenth above it are a difference of 0.65.
+# WEIGHT_TOLERANCE: largest relative difference between the measured weight and that of the model.
+# HELD_TOLERANCE: largest relative difference of the output at standstill from output_bias.
+# If HELD_TOLERANCE is exceeded, the sign of output_bias or the size of the weight is wrong.
+# With a wrong sign of output_bias, this difference is twice the output_bias.
+# A motor constant a third too low and a weight a tenth too high give a difference of 0.65.
 WEIGHT_TOLERANCE, HELD_TOLERANCE = 0.1, 0.7
 # Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0
@@ -51,8 +52,8 @@ SETTLE_S = 1.3  # time in s from the end of a move to the read of the position e
 # speed in encoder counts per tick that disables the axis: at least four times the speed of a move
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
-# Largest sum of the position errors at both ends of a move that dry friction explains, divided by
-# the larger error.
+# Dry friction explains position errors of opposite signs at both ends of a move.
+# This is the largest sum of the two errors, divided by the larger error.
 FRICTION_UNLIKE = 0.3
 CREEP_CNT = 2  # an axis at rest moves by at most so many counts while its output is read
 RESTORE_TRIES = 4
@@ -605,8 +606,8 @@ class MotionCheck:
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _hold(self) -> bool:
-        """Lets the position law hold the axis beside output_bias, whose value may be wrong, and
-        takes the output at standstill as output_bias. The bounds are those of the first motion
+        """Lets the position law hold the axis, because the value of output_bias may be wrong. The
+        output at standstill becomes output_bias. The bounds are those of the first motion
         test: with a reversed encoder the axis has a fault. Returns True if the axis was held."""
         used, codes = self.bias, 0.0
         if not (error := self._enabled()):
@@ -639,8 +640,8 @@ class MotionCheck:
         end points, and the weight."""
         moved = self._out_and_back()
         if moved and self.bias and abs(moved.error) > ARRIVED_CNT:
-            # The law needs a position error for the part of the weight that output_bias does not
-            # hold. With the output that was measured, the axis has to arrive.
+            # The position law holds what output_bias lacks of a weight by a position error.
+            # With the measured output as output_bias, the axis has to reach its target.
             self._change_bias(self._rounded(moved.code))
             if error := self._enabled():
                 self._done("move", "failed", error)
@@ -671,7 +672,8 @@ class MotionCheck:
         """Compares the output at standstill with the weight of the model, and with output_bias of
         the axis. If the axis carries a weight, the output becomes its output_bias."""
         codes, model = moved.code, self.weight
-        spread = max(moved.spread, self.known.position_gain)  # an encoder count is so many codes
+        # number of DAC codes for a position error of one encoder count
+        spread = max(moved.spread, self.known.position_gain)
         text = f"{codes:.4g} codes at standstill"
         brake = ""
         if self.engages > self.known.brake_engage_ticks:

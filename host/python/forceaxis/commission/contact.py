@@ -41,9 +41,9 @@ from forceaxis.linear.plant_set import PlantSet
 
 # Number of plants that are drawn at random from the set of plants, and seed of the random numbers.
 MEMBER_COUNT, MEMBER_SEED = 6, 1988
-# Contact losses of a first contact, besides those that the impact causes, and peak force as a
-# multiple of the set-point, that are permitted with plants that the design did not simulate. The
-# design itself permits one loss and a peak of 1.3 times the set-point.
+# Limits of a first contact with plants that the design did not simulate.
+# LOSSES_MAX: permitted contact losses, besides those by the impact; the design permits 1.
+# PEAK_MAX: permitted peak force divided by the set-point; the design permits 1.3.
 LOSSES_MAX, PEAK_MAX = 3, 1.5
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest time in s that is recorded before and after a first contact
 # To leave the contact, the axis makes short moves, and then one move over the whole travel.
@@ -199,8 +199,8 @@ class Touching(Analyzer):
 
     def _leave(self) -> None:
         """Moves the axis back until it is out of contact. The distance of each move is at most the
-        permitted travel, and at most the distance to the workpiece, beyond which the travel in
-        contact of a soft workpiece may be."""
+        permitted travel and the distance to the workpiece. With a soft workpiece, the permitted
+        travel may be larger than this distance."""
         axis, order = self.axis, self.order
         travel = min(max(order.travel, order.squeeze), order.gap or math.inf)
         self.set(position_window=self.window())

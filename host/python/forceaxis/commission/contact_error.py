@@ -26,21 +26,27 @@ from forceaxis.linear.posterior import ModelError
 from forceaxis.recordings import model_error
 from forceaxis.recordings.model_error import ErrorSize, ModelErrors
 
-SHARE_MAX = 0.05  # largest share that is found; a model with a larger error is another model
+# largest size (share) of an error that the search permits; a larger error means a wrong model
+SHARE_MAX = 0.05
 # Median of the prior of a share, and standard deviation of its logarithm.
 PRIOR_SHARE, PRIOR_SPREAD = 1e-4, math.log(5)
-SHARES = np.geomspace(2e-5, SHARE_MAX, 12)  # shares that are tried at first
-FINE = np.geomspace(0.55, 1.8, 7)  # factors of a share that are tried then
-TIMES_S = (0.003, 0.01, 0.03, 0.1, 0.3)  # correlation times that are tried
-SWEEPS = 3  # number of times that each error is chosen, beside those of the others
-ROUNDS = 6  # largest number of searches with errors that were found
-SAME = 0.1  # two logarithms of a share that differ less are equal
-# An error changes nothing below this largest variance, divided by that of the noise.
+# sizes (shares) of an error with which the search begins
+SHARES = np.geomspace(2e-5, SHARE_MAX, 12)
+# factors by which the search then changes the size (share) of an error
+FINE = np.geomspace(0.55, 1.8, 7)
+TIMES_S = (0.003, 0.01, 0.03, 0.1, 0.3)  # correlation times in s of an error that the search tries
+# number of rounds in which the size of each error is chosen while the other errors stay fixed
+SWEEPS = 3
+# largest number of searches for the most likely plant, each with the errors of the search before
+ROUNDS = 6
+SAME = 0.1  # largest difference of two logarithms of an error's size that count as equal
+# An error has no effect if its largest variance, divided by that of the noise, is below this.
 VISIBLE = 0.03
 # Share and correlation time in s of the errors with which a search from the prior begins.
 START_SHARE, START_S = 0.01, 0.03
-# Smallest share and correlation time in s of the errors of force and position, if an exact model is
-# rejected. A model that is wrong in one place is exact nowhere, although parameters may hide it.
+# If an exact model is rejected, the errors of force and position have at least this size.
+# FLOOR: smallest share of such an error. FLOOR_S: its smallest correlation time in s.
+# A model that is wrong in one place is exact nowhere, although parameters may hide it.
 FLOOR, FLOOR_S = 0.0025, 0.1
 STARTS = 4  # number of start points of the search with errors of START_SHARE
 INVISIBLE = 1e-4  # variance of an error below which it is left out, divided by that of the noise

@@ -37,8 +37,8 @@ WORST_RESIDUAL = 1e5
 PLACE_DEVIATION_M = 1e-3  # prior standard deviation in m of the position of the axis
 # prior standard deviation of the zero of the force, divided by the range of the recorded force
 ZERO_SHARE = 0.01
-# An axis at rest keeps its position within REST_STEPS steps of the encoder, and within
-# REST_DEVIATIONS standard deviations of the noise of its position.
+# REST_STEPS: largest motion of an axis at rest, in steps of the encoder.
+# REST_DEVIATIONS: largest motion of an axis at rest, in standard deviations of the position noise.
 REST_STEPS, REST_DEVIATIONS = 1.5, 6.0
 LATE_MIN = 0.02  # smallest error of the times of a force, in time steps, that is an unknown
 START_VALUES = 3  # number of start values in _core.Contacts: shift in m, speed in m/s, command in V

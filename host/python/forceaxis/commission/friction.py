@@ -38,7 +38,7 @@ TRAVEL_SHARE = 0.85  # fraction of the permitted travel that the motion uses in 
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.06, 0.05
 # DAC code of the slower motion, divided by the DAC code of the faster motion.
 SMALLER_CODE_SHARE = 0.6
-MOTIONS = 4  # number of motions with which friction and viscous damping are told apart
+MOTIONS = 4  # number of motions from which friction and viscous damping are distinguished
 # if the DAC code of the faster motion is not above this value, there is no slower motion
 SMALLEST_CODE = 2
 # A DAC code is large enough if the axis would move by this many times the travel in one recording.
@@ -68,21 +68,23 @@ FORCE_ERROR_MIN = 0.06
 BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of force intervals; the compliance is computed for each of them
 KNOTS = 3  # number of forces at which the compliance may change
-FIRST_STATES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # at which the search of the first state begins
-# A compliance that changes with the force is assumed if the sum of the squares of the errors is
-# below this share of that with a constant compliance. Stick-slip of the guide reduces it less.
+# start values of the search for the first state of the friction
+FIRST_STATES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+# A compliance that changes with the force is assumed if it reduces the squared errors enough.
+# This is the largest ratio of their sum to that with a constant compliance.
+# Stick-slip of the guide reduces the sum of the squared errors less.
 BENT_SHARE = 0.3
-# Smallest compliance of such a workpiece, divided by its mean. Where a smaller one fits best,
-# another part of the machine bends the curve.
+# Smallest compliance of a workpiece whose compliance changes with the force, divided by its mean.
+# If a smaller compliance fits best, another element of the machine bends the curve.
 BEND_MIN = 0.2
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
 # Friction is accepted if it reduces the error of the predicted position by this fraction.
 ERROR_REDUCTION_MIN = 0.15
-# A workpiece that relaxes also has different positions at rising and falling force. It is found if
-# the sum of the squares of the errors is below RELAXING_SHARE of that with friction. The errors of
-# neighbouring samples are alike, so a likelihood of independent ones would find it too often.
+# A workpiece that relaxes also has different positions at rising and falling force.
+# It is detected if its squared errors have less than RELAXING_SHARE of the sum with friction.
+# No likelihood is used: errors of neighbouring samples are alike, so it would detect too often.
 RELAXING_SHARE = 0.2
 # Below this difference of the positions in counts, the smaller sum alone decides.
 SMALL_CNT = 3.0
@@ -587,7 +589,8 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
         one = _simplest([_loops(F, x, knots, FIRST_STATES) for knots in (0, KNOTS)])
     half, c_all, c_slide, rubs = one.half, one.whole, one.slides, one.rubs
     other = min(one.left, curved.left)
-    # A difference of a few counts between both directions has hardly a shape to tell them by.
+    # If both directions differ by a few counts only, friction and relaxation cannot be
+    # distinguished.
     small = 2 * half * c_slide < SMALL_CNT
     share = 1.0 if small else RELAXING_SHARE
     relaxes = min(late.at_once, late.creep) > 0 and late.left < share * other

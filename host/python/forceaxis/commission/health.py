@@ -38,13 +38,14 @@ from forceaxis.recordings import signal_recording
 LEVEL = 0.05
 # A parameter is determined if a change of its logarithm by this value can be detected.
 TOLD_CHANGE = 0.5
-# Two parameters explain a change nearly equally well below this difference in chi-square, or below
-# SHARE_MIN of the decrease of chi-square by the better one.
+# Two parameters explain a change equally well if their chi-square differs by less than this value.
+# They also do so below SHARE_MIN times the decrease of chi-square by the better parameter.
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
 ITERATIONS = 12  # largest number of evaluations in a fit
-# Changes from which a fit may begin. They lie as close as the width of a resonance, because a
-# resonance that has moved by more than its width gives local optima in between.
+# Changes of a parameter from which a fit may begin.
+# Their distances are smaller than the width of a resonance.
+# A resonance that has moved by more than its width would cause local optima between them.
 STARTS_LOG = np.linspace(-CHANGE_MAX_LOG, CHANGE_MAX_LOG, 33)
 # MOVED_MAX: largest number of parameters that the result names as changed.
 # SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by that of the first.

@@ -39,28 +39,28 @@ from forceaxis.words import option_words
 
 Values = dict[str, float]  # {parameter: SI value}
 States = dict[str, str]  # {element: state}
-# Parameters that belong only to one response, as {parameter of the model: (name in the priors,
-# factor)}. The value of the parameter is the factor times the value of the name.
+# Parameters of one response alone: {parameter of the model: (name in the priors, factor)}.
+# The value of such a parameter is the factor times the value of that name.
 Own = dict[str, tuple[str, float]]
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-# PRIOR_DISTANCE_MAX: distance of a parameter from its prior beyond which a fit is rejected.
-# SEARCH_RANGE: largest distance that is searched. FAR: beyond this distance, a second search begins
-# at the prior. All are in prior standard deviations.
+# The following distances of a parameter from its prior are in prior standard deviations.
+# PRIOR_DISTANCE_MAX: beyond this distance, a fit is rejected.
+# SEARCH_RANGE: largest distance that is searched.
+# FAR: beyond this distance, a second search begins at the prior.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
 # A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
 SEARCHED_SHARE = 0.95
 # Factor of the measured response that is used as the prediction for values that the model refuses.
 FORBIDDEN = 1e3
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
-# If a model does not explain the responses, its relative error at each frequency is the mean of the
-# residuals at frequencies whose logarithms differ by less than ERROR_WIDTH_LOG. The fit is repeated
-# ERROR_ROUNDS times with these errors. Its parameters stay within ERROR_REACH prior standard
-# deviations, so that it remains the model of this machine.
+# If a model does not explain the responses, its relative error is computed at each frequency.
+# ERROR_WIDTH_LOG: width of the mean over residuals, as a difference of logarithms of frequencies.
+# ERROR_ROUNDS: number of times that the fit is repeated with these errors of the model.
+# ERROR_REACH: largest distance of a parameter from its prior then, in prior standard deviations.
 ERROR_WIDTH_LOG, ERROR_ROUNDS, ERROR_REACH = 0.1, 6, 2.0
-# Width of a band in which a model has to explain a response, as a difference of the logarithms of
-# its frequencies.
+# Width of a band in which a model has to explain a response: difference of logarithms in Hz.
 LOCAL_WIDTH_LOG = 0.2
 # GRID_POINTS: number of start values of each nearly unknown parameter.
 # ANTIRESONANCES: number of start frequencies of the antiresonance.
@@ -69,8 +69,7 @@ GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
 # A frequency is near the limiting mode if their logarithms differ by less than this value.
 LIMITING_MODE_WIDTH_LOG = 0.15
-# A limiting mode is at half the rate of the force sensor if it differs from it by less than this
-# fraction.
+# A limiting mode is at half the rate of the force sensor up to this relative difference.
 HALF_RATE_WIDTH = 0.02
 # Largest relative standard error of a response near the limiting mode.
 LIMITING_MODE_ERROR_MAX = 0.2
@@ -606,8 +605,7 @@ def _evaluated(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     ranges = plant_set.ranges_of(problem.model, over, best)
     shown = _shown(problem, lines, ranges)
-    # The covariance without the changes between the forces, which widen the ranges below by
-    # themselves.
+    # This covariance excludes changes between the forces, which widen the ranges below separately.
     left_open = _left_open(problem, x, covariance, ranges)
     shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:

@@ -19,10 +19,11 @@ from forceaxis.linear.posterior import Posterior
 # Prior standard deviations of the logarithms of masses, drive constants and stiffnesses.
 MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.1, 0.1, 0.2
 DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
-GIVEN_SPREAD = 0.05  # of a value that the user gives without its accuracy
-# {key of the table [drive]: prior standard deviation of the logarithm of its value}. A data sheet
-# states constants of the motor and scales of the command. The bandwidth of a loop depends on how
-# the drive was set up and on the load, so it is known less accurately.
+# prior standard deviation of the logarithm of a value that the user gives without its accuracy
+GIVEN_SPREAD = 0.05
+# {key of the table [drive]: prior standard deviation of the logarithm of its value}.
+# A data sheet states constants of the motor and scales of the command accurately.
+# The bandwidth of a loop depends on the settings of the drive and on the load.
 DRIVE_SPREADS = {
     **dict.fromkeys(
         ("k_torque", "k_force", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp",
@@ -238,9 +239,9 @@ def current_sensor(
 
 @dataclass(frozen=True)
 class KnownDrive:
-    """What the model tells of a drive: its force in N per DAC code in the frequency band of the
-    responses, its speed out of contact in counts/s per DAC code, and its measured current. The
-    numbers are 0, and the current is None, if they are not known."""
+    """Properties of a drive that follow from its model: its force in N per DAC code in the
+    frequency band of the responses, its speed out of contact in counts/s per DAC code, and its
+    measured current. The numbers are 0, and the current is None, if they are not known."""
 
     newton_per_code: float = 0.0
     rate: float = 0.0
@@ -250,8 +251,8 @@ class KnownDrive:
 def drive(
     model: str | Path, band_hz: tuple[float, float], overrides: linear.Overrides | None = None
 ) -> KnownDrive:
-    """Returns what a model tells of its drive. The current is used only for a drive with an
-    integral, because the resolution of a DAC code is finer than that of a current."""
+    """Returns the properties of a drive that follow from its model. The current is used only for a
+    drive with an integral, because the resolution of a DAC code is finer than that of a current."""
     integral = has_integral(model, band_hz, overrides)
     return KnownDrive(
         newton_per_code(model, overrides, math.sqrt(math.prod(band_hz))),

@@ -13,8 +13,8 @@ from forceaxis.recordings.robust import quiet_of
 MOST_CODES = 1024
 # Longest time in s until the first contact, if the distance to the workpiece is not known.
 APPROACH_MAX_S = 60.0
-# If it is known, the longest time is APPROACH_FACTOR times the time of the approach, plus
-# APPROACH_MORE_S in s, in which the axis starts.
+# If the duration of an approach is known, the time limit is APPROACH_FACTOR times this duration.
+# APPROACH_MORE_S, the time in s in which the axis starts, is added.
 APPROACH_FACTOR, APPROACH_MORE_S = 3.0, 5.0
 
 Samples = NDArray[np.float64]

@@ -12,8 +12,8 @@ from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design
 from forceaxis.linear import PlantFacts
 
-# Largest peak force that the momentum of the axis alone causes at a first contact, as a fraction of
-# the least force of the request.
+# Largest peak force by the momentum of the axis at a first contact, divided by the smallest force.
+# The smallest force is that of the request.
 IMPACT_SHARE = 1 / 3
 # Travel out of contact in encoder counts, with which rounding is small against the motion.
 FREE_TRAVEL_CNT = 400
@@ -21,11 +21,11 @@ FREE_TRAVEL_CNT = 400
 GAP_SHARE = 0.4
 # The travel out of contact is this many times the least travel in which a speed can be measured.
 SPEED_TRAVELS = 2.0
-# The output that holds a weight is exact to this many DAC codes. In the time of two periods of the
-# noise in s, for which the excitation out of contact is in open loop, the axis drifts by the rest.
+# WEIGHT_ERROR_CODES: error of the output that holds a weight. It causes a drift of the axis.
+# OPEN_LOOP_S: time in s of this drift, two periods of noise in open loop out of contact.
 WEIGHT_ERROR_CODES, OPEN_LOOP_S = 1.0, 2.0
-# Travel in contact divided by the deflection of the model. The workpiece of the machine may be so
-# much softer than in the model, because its stiffness is nearly unknown before the measurement.
+# Permitted travel in contact, divided by the deflection of the model.
+# The workpiece may be softer than the model by this factor, as its stiffness is nearly unknown.
 SOFTER_FACTOR = 3.0
 # Travel in contact divided by the measured motion between the forces.
 MEASURED_FACTOR = 2.0

@@ -18,8 +18,8 @@ from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
 COEFFICIENTS_PER_BANK = 15
-# |S| is averaged over frequencies whose logarithms differ by less than one of these values. A mean
-# over the smaller width, which shows a narrow mode, has at least LINES_MIN frequencies.
+# Widths, as differences of logarithms of frequencies, over which |S| is averaged.
+# The mean over the smaller width, which shows a narrow mode, needs at least LINES_MIN frequencies.
 AVERAGING_WIDTHS, LINES_MIN = (0.04, 0.008), 4
 ERROR_MAX = 0.1  # a value of |S| is regarded as certain if its relative error is at most this value
 

@@ -37,28 +37,30 @@ from forceaxis.identify.distributions import chi_square_tail
 from forceaxis.identify.fit import REJECTED_BELOW
 from forceaxis.linear import PlantFacts
 
-# Number of start frequencies in the search for a mode of vibration over the band, and where the
-# model explains the responses worst; and smallest difference of the logarithms of the latter.
+# START_MODES: number of start frequencies, distributed over the band, in the search for a mode.
+# WORST_MODES: number of start frequencies at which the model explains the responses worst.
+# WORST_APART: smallest difference of the logarithms of two such frequencies.
 START_MODES, WORST_MODES, WORST_APART = 6, 2, 0.1
 EVIDENCE_MIN = 10.0  # least difference of the evidence between the cause and other candidates
 START_LAG_S = 1e-3  # start value of a lag or of a latency in s
 FREED_SPREAD = 0.5  # prior standard deviation of the logarithm of a number that may be wrong
-# A number of the model is a candidate if its prior is narrower; others are nearly free anyway.
+# A number of the model is a candidate if its prior standard deviation is below this value.
 NARROW_SPREAD = 0.31
 STIFFENING_SPREAD = 0.7  # prior standard deviation of the stiffness at each force
 # A number is a candidate if its estimated decrease of the cost exceeds this value.
 FREED_GAIN_MIN = 3.0
-# Largest numbers of evaluations: of the parameters of a candidate alone, of all parameters, and of
-# all parameters of the REFINED_MIN best candidates and of those that have REFINED_SHARE of the
-# best evidence.
+# BEGIN_EVALUATIONS: largest number for a fit of the parameters of a candidate alone.
+# FIRST_EVALUATIONS: largest number for a fit of all parameters.
+# EVALUATIONS_MAX: largest number for the best candidates, which are fitted again.
+# These are REFINED_MIN candidates, and all that have REFINED_SHARE of the best evidence.
 BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
 WHOLE_EVALUATIONS = 10
 REFINED_MIN, REFINED_SHARE = 4, 0.3
-# Highest frequency of a mode, divided by that of the responses. A body with a higher frequency is
-# rigid in them, so that it shows a wrong mass and no mode.
+# Highest frequency of a mode of a candidate, divided by the highest one of the responses.
+# A body whose mode has a higher frequency moves rigidly: the responses show only its mass.
 MODE_BAND = 1.3
-# Largest damping ratio of a mode of frame or tool. With more damping it is no vibration, but stands
-# for something else, such as a latency.
+# Largest damping ratio of a mode of frame or tool.
+# With more damping, the mode is no vibration and represents another effect, such as a latency.
 MODE_DAMPING_MAX = 0.4
 BED, TOOL = "bed", "tool_head"  # names of the bodies of a frame
 # {name of such a body: what changes in the model beside it}
@@ -167,7 +169,7 @@ def possible(tried: Sequence[Tried], name: str) -> bool:
 
 def text_of(tried: Sequence[Tried]) -> str:
     """Returns a text about the cause, or about the candidates that remain and the measurement that
-    tells them apart."""
+    distinguishes them."""
     first = leader(tried)
     if first:
         is_one = "the cause is" if first.explains else "one of several causes is"
@@ -206,7 +208,7 @@ BY_AMPLITUDE = {"guide_friction", "play", "cogging"}
 
 
 def _measurement(names: set[str]) -> str:
-    """Returns a text with the measurement that tells candidates apart. `names`: their names."""
+    """Returns a text with the measurement that distinguishes candidates. `names`: their names."""
     if names & BY_AMPLITUDE:
         return (
             "a response out of contact, measured with two excitation levels, tells: friction, play "
@@ -276,7 +278,8 @@ def _ranked(
         if starts:
             begun.append(min(starts, key=lambda one: one.cost))
     begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
-    # A fit that began as a whole has had more evaluations: it takes no place of the others.
+    # A fit that began with all parameters had more evaluations, so it is not one of the repeated
+    # fits.
     plain = [one for one in begun if not one.candidate.whole]
     least = REFINED_SHARE * plain[0].tried(before).gain if plain else 0.0
     tried = [
@@ -319,8 +322,8 @@ class _Fit:
 
 def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -> _Fit | None:
     """Fits only the parameters of a candidate, while all other parameters stay at x. The cost is
-    that of the residuals coarse(). A candidate that begins as a whole is not fitted yet. Returns
-    None if the model does not take the candidate."""
+    that of the residuals coarse(). A candidate whose fit begins with all parameters is not fitted
+    here. Returns None if the candidate is not possible in the model."""
     try:
         wider = _with(problem, candidate, folder)
     except InputError:
@@ -406,7 +409,7 @@ def _refined(begun: _Fit, evaluations: int) -> _Fit:
 
 @dataclass(frozen=True)
 class _Model:
-    """What the candidates need of the model of a fit, and `best`, its fitted values."""
+    """Data of the fitted model from which the candidates are made. `best`: the fitted values."""
 
     problem: Responses
     best: Values

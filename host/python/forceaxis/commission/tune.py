@@ -110,14 +110,16 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 # Lowest crossover frequency of a loop in the set of plants.
 # With this crossover frequency, a force settles within seconds.
 CROSSOVER_RAD_PER_S = 3.0
-# Largest |S| of the loop during the measurement. Above it, the bank gets a low pass with one of
-# these corner frequencies, or a smaller integral rate.
+# MS_MEASURING: largest |S| of the loop during the measurement.
+# LOW_PASS_HZ: corner frequencies of a low pass that the filter bank gets if |S| is larger.
+# If no low pass is sufficient, the integral rate of the filter bank is reduced.
 MS_MEASURING = 2.2
 LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
 SLOW_RATES_RAD_PER_S = (0.25, 1.0)
 MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
-# If a measured Ms exceeds that by more, the law is designed again for the limit of Ms times the
-# quotient of predicted and measured Ms and a margin, but not for a limit below MS_AGAIN_MIN.
+# If a measured Ms exceeds the predicted Ms by a larger factor, the law is designed again.
+# The new limit of Ms is the old one times predicted Ms, divided by measured Ms, and a margin.
+# MS_AGAIN_MIN: smallest limit of Ms for such a design.
 MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15
 # probability with which noise alone makes the measured Ms exceed its bound
 PEAK_PROBABILITY = 0.025
@@ -137,21 +139,24 @@ CONTACT_NOISE_MIN = 5.0
 # Smallest change of the force by the excitation, in ADC codes, if the measured force has no noise.
 ROUNDED_CODES_MIN = 16
 ROUNDING_LSB = 0.29  # rms error of rounding in codes
-# Largest change of the force that the smallest step of the output causes before the sensor shows
-# it, as a share of the least force. On 25 drawn machines, the force error was at most 3 % with
-# shares up to 0.04. With shares from 0.1 on, it was up to 13 %, or no law was found.
+# Largest change of the force by the smallest step of the output, before the sensor shows it.
+# It is divided by the smallest force of the request.
+# On 25 random machines, the force error was at most 3 % up to a share of 0.04.
+# With shares from 0.1 on, the force error was up to 13 %, or no law was found.
 STEP_SHARE_MAX = 0.1
 # Longest time in s of an approach over the distance of the model.
 APPROACH_LONGEST_S = 300.0
 # A text names the limiting bound if the bandwidth is below this factor times that of the P law.
 BANDWIDTH_FACTOR = 1.7
-# A law that does not bear the error of the model is designed again, so many times at most. The
-# distance of its Ms from 1 becomes smaller by a factor within these bounds.
-# A law whose distance has become smaller than MODEL_ERROR_MS_MIN of the first one is too slow.
+# A law whose margins the error of the model exceeds is designed again, for a smaller limit of Ms.
+# MODEL_ERROR_ROUNDS: largest number of such designs.
+# MODEL_ERROR_STEP_: bounds of the factor by which each reduces the distance of Ms from 1.
+# MODEL_ERROR_MS_MIN: smallest ratio of this distance to the first one; below it, laws are too slow.
 MODEL_ERROR_MS_MIN = 0.25
 MODEL_ERROR_ROUNDS, MODEL_ERROR_STEP_MIN, MODEL_ERROR_STEP_MAX = 7, 0.4, 0.85
-# An axis without friction coasts while a law is designed. If its distance from the start exceeds
-# this many times the distance to the workpiece in the model, it goes back before an approach.
+# An axis without friction coasts while a law is designed, so it may have to move back.
+# It moves back before an approach if it is farther from the start than this limit.
+# The limit is a multiple of the distance to the workpiece in the model.
 AWAY_GAPS = 1.5
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
@@ -536,8 +541,9 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
 
 
 class _NotBorne(Exception):
-    """A force law does not bear the error of the model. ms: largest Ms with the measured part that
-    the model lacks. above: distance of Ms from 1, divided by the permitted distance."""
+    """Exception: because of the error of the model, the Ms of a force law is too large. ms:
+    largest Ms with the measured part that the model lacks. above: distance of Ms from 1, divided by
+    the permitted distance."""
 
     def __init__(self, ms: float, above: float) -> None:
         super().__init__(ms, above)
@@ -575,7 +581,7 @@ def _designed(
     ms = order.ms
     for _ in range(MODEL_ERROR_ROUNDS):
         try:
-            # A law that does not bear the error of the model is not simulated.
+            # A law whose Ms is too large because of the error of the model is not simulated.
             found = design(ms, borne)
             peaks = borne(found)
         except _NotBorne as error:
@@ -676,7 +682,7 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
     if BEFORE.read(tuning.folder) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
         before = axis.link.read(names)
-        # An output_bias that was measured is on the axis already.
+        # An output_bias that was measured has already been written to the axis.
         found = as_found.FOUND.read(tuning.folder)
         if found and "output_bias" in before:
             before["output_bias"] = found.values["output_bias"]
@@ -740,7 +746,7 @@ def verify(
     this filter bank."""
     _ensure_written(tuning, designed)
     order = with_measured_way(tuning, tuning.order, measured.between.way)
-    # A mode above the measured band may limit the loop, so |S| is verified as far as it is seen.
+    # A mode above the measured band may limit the loop, so |S| is verified beyond this band.
     high = highest_hz(linear.facts(tuning.model))
     band_hz = (min(order.band_hz[0], high / BAND_RATIO_MIN), high)
     order = replace(order, band_hz=band_hz, averages=max(5, order.averages // 2))
@@ -1143,8 +1149,8 @@ class Tuning(TuningFolder):
         CHECK.file.write(self.folder, replace(held, result=replace(held.result, ms=ms)))
 
     def _forget(self, first: str) -> None:
-        """Deletes the results from the step `first` on, which are replaced now, also if they were
-        kept over a change of the request."""
+        """Deletes the results of the step `first` and of all later steps, because these steps run
+        again. Results that were kept after a change of the request are deleted too."""
         self.kept -= set(STEPS[STEPS.index(first) :])
         self._file(first).unlink(missing_ok=True)
 

@@ -63,16 +63,17 @@ STUCK_DAMPING = 1e6
 # SLIDING_ERROR applies to an axis that slides.
 # STICKING_ERROR applies to an axis that sometimes sticks.
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
-# x is the friction of guide and gear divided by the rms force of the excitation. The relative error
-# of a response is RUBBING_ERROR x (1 + (x / RUBBING_RATIO)^2), at most RUBBING_ERROR_MAX.
+# Dry friction of guide and gear causes a relative error of a response.
+# The error is RUBBING_ERROR x (1 + (x / RUBBING_RATIO)^2), at most RUBBING_ERROR_MAX.
+# In this formula, x is the friction force divided by the rms force of the excitation.
 RUBBING_ERROR, RUBBING_RATIO, RUBBING_ERROR_MAX = 0.3, 0.4, 2.0
 # Frequency in Hz and relative error of the response that _speed_response() returns.
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 # relative error of a stiffness that is computed from the travel between two forces
 TRAVEL_STIFFNESS_ERROR = 0.1
-# The fit is repeated if the fitted compliance of the sensor exceeds the measured compliance by the
-# factor STUCK_MORE. A compliance of the sensor below STUCK_SHARE_MIN times the compliance of the
-# workpiece is too small to be measured.
+# STUCK_MORE: largest ratio of the fitted compliance of the sensor to the measured compliance.
+# If the ratio is larger, the fit is repeated.
+# STUCK_SHARE_MIN: smallest measurable compliance of the sensor, divided by that of the workpiece.
 STUCK_MORE, STUCK_SHARE_MIN = 1.25, 0.1
 # The test with sines determines the mass if its relative standard error is below this value.
 SINE_MASS_ERROR_MAX = 0.2
@@ -82,26 +83,27 @@ REFIT_CHANGE = 0.02
 # The design for an axis with dry friction uses dampings within this range around the prior.
 # The range of the dampings is in standard deviations of the prior, to both sides.
 DAMPING_DEVIATIONS = 1.0
-# A number of the drive that a fit with friction moved by more standard deviations of its prior has
-# both values in the design.
+# A fit with friction may move a number of the drive by more prior standard deviations than this.
+# The set of plants of the design then contains both values of this number.
 DOUBTED_SPREADS = 1.5
 # The unknown mass of a workpiece is assumed to be between prior / factor and prior * factor.
 UNKNOWN_MASS_FACTOR = 3.0
-# Ratio of the ends of an interval above which the responses do not tell the value of a parameter.
+# Ratio of the ends of an interval above which the responses do not determine a parameter.
 UNTOLD_RATIO = 9.0
 # Two responses differ if the probability of the difference from noise alone is below this value.
 DIFFERENCE_PROBABILITY = 1e-4
 
 # A number of the model that is wrong by at most this factor is corrected without a question.
 NUMBER_CHANGE_MAX = 1.6
-# A shorter time in which a workpiece relaxes, in s, is left to the responses: the slow change of
-# the force does not show it accurately.
+# Shortest relaxation time of a workpiece, in s, that the slow change of the force shows accurately.
+# A shorter relaxation time follows from the responses.
 CREEP_MIN_S = 0.15
 # Least compliance of a workpiece that relaxes, divided by that of the axis.
 RELAXING_COMPLIANCE_MIN = 0.05
 CAUSES_MAX = 3  # largest number of causes that are added to a model one after another
-# If a response is known too little, so many averages are taken as the error asks for, times a
-# margin, but at most so many times those of the request.
+# If the error of a response is too large, the response is measured again with more averages.
+# AVERAGES_MARGIN: margin by which the computed number of averages is multiplied.
+# AVERAGES_FACTOR_MAX: largest ratio of the number of averages to that of the request.
 AVERAGES_MARGIN, AVERAGES_FACTOR_MAX = 1.3, 16.0
 EXPLAINED = ("chi2", "prior")  # rejections of a fit for which causes are searched
 
@@ -309,8 +311,8 @@ def _attempt(
             found.text += ", although its value was measured while the force changed slowly"
             found.remedy = ""  # which frees a value that is given, not one that is measured
         elif used != sheet:
-            # The responses contradict the mass that was measured with sines. Or the stiffness
-            # depends on the force, so that a slow change over all forces shows another value.
+            # Either the responses contradict the mass that was measured with sines.
+            # Or the stiffness depends on the force, so that a slow change over all forces differs.
             found = fitted(sheet)
     return _Attempt(found, frictions, dampers, names, sheet)
 
@@ -338,8 +340,8 @@ def _with_hidden_friction(
 
 
 def untold(rows: Mapping[str, ParameterRow], named: Collection[str]) -> list[str]:
-    """Returns a text line for each of the parameters `named` whose value the responses hardly tell.
-    The law is designed for its whole interval, so it is slower than it could be."""
+    """Returns a text line for each of the parameters `named` whose value the responses hardly
+    determine. The law is designed for its whole interval, so it is slower than it could be."""
     return [
         f"the responses tell {name} only as {plain(low, 4)} to {plain(high, 4)} {rows[name].unit}, "
         "and the law is as slow as all of that needs: measure with larger `forces` or more "
@@ -627,8 +629,8 @@ def _workpiece(
     facts, given = linear.facts(tuning.given), _given_priors(tuning)
     scale = abs(facts.required_encoder.scale)
     found: dict[str, Prior] = {}
-    # While the workpiece sticks, the measured compliance is that of the sensor and of all parts
-    # that the model lacks. It is therefore an upper bound of the compliance of the sensor.
+    # While the workpiece sticks, the measured compliance is an upper bound of that of the sensor.
+    # It also contains the compliance of all elements that the model lacks.
     stuck = measured.between.compliance
     is_soft = sensor and best and sensor in best and scale / best[sensor] > STUCK_MORE * stuck
     if sensor and is_soft and stuck > STUCK_SHARE_MIN * sliding:
@@ -702,8 +704,8 @@ def _with_tolerances(
     softest, stiffest = measured.between.bends
     if stiffness in ranges and stiffest > 1:
         value, least, most = ranges[stiffness]
-        # About the mean of the slow change, because the responses at different forces may have
-        # shown a part of the same bend.
+        # The stiffness is that at the mean force of the slow change.
+        # The responses at different forces may already show a part of the change of the stiffness.
         sliding = measured.between.sliding
         scale = abs(linear.facts(tuning.given).required_encoder.scale)
         mean = scale / sliding if sliding else value

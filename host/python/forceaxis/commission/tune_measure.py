@@ -58,8 +58,9 @@ AVERAGES_MIN = 5
 LINES_MIN = 25  # smallest number of spectral lines in the band, if the recorder permits it
 # first amplitude of the excitation at each force, divided by the second amplitude
 AMPLITUDE_RATIO = 3
-# A response in contact ends at most at BAND_MAX_HZ, and at SAMPLED_BAND of the rate of the bus and
-# of a force sensor with a clock of its own.
+# BAND_MAX_HZ: highest frequency of a response in contact.
+# SAMPLED_BAND: highest frequency of a response, divided by the rate of the bus or of the sensor.
+# The rate of the sensor matters only if the sensor has a clock of its own.
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
@@ -351,8 +352,8 @@ def measuring_order(
 
 def settling_s(law: Bank) -> float:
     """Returns the time in s in which a loop with this law settles after the start of an excitation.
-    A loop behind a slow sensor has a slow integral. What is left of its transient differs between
-    the periods as a distortion of the response does, but in proportion to the amplitude."""
+    A loop behind a slow sensor has a slow integral. The rest of its transient differs from period
+    to period, as a distortion does, but is proportional to the amplitude."""
     rate = law.integral_rad_per_s
     return max(MeasuringOrder.settle_s, SETTLE_INTEGRALS / rate if rate else 0.0)
 

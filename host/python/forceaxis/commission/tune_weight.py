@@ -1,5 +1,6 @@
-"""The weight of an axis at the beginning of a tuning. A model tells it to some per cent. What is
-wrong moves an axis whose drive has to hold it, so the check of the first motion measures it."""
+"""The weight of an axis at the beginning of a tuning. A model states the weight with an error of
+some per cent. This error would move an axis whose drive holds the weight, so the check of the first
+motion measures the weight."""
 
 from dataclasses import dataclass
 
@@ -12,11 +13,11 @@ from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_measure import free_travel_mm, per_mm, temporary
 from forceaxis.commission.tune_results import Settings
 
-# Noise from peak to peak, divided by its rms value. In the half second at rest of the check, a
-# normal noise exceeds this once in ten thousand times.
+# Largest peak-to-peak value of normal noise, divided by its rms value.
+# In half a second at rest, normal noise exceeds it once in ten thousand recordings.
 PEAK_TO_PEAK = 10.0
-# Relative difference between the DAC code that holds the weight and that of the model, as a data
-# sheet states mass and motor constant.
+# Relative uncertainty of the DAC code of the model that holds the weight.
+# It follows from the accuracy with which a data sheet states mass and motor constant.
 WRONG_SHARE = known.MASS_SPREAD + known.DRIVE_SPREAD
 
 

@@ -1,4 +1,5 @@
-"""What the fitted model of a tuning does not explain, and a force law that bears it.
+"""The part of the measured responses that the fitted model of a tuning does not explain, and the
+Ms of a force law with this part.
 
 If no model of the fit explains a measured response, the response itself still shows what the axis
 does. The quotient r of measured and fitted response then multiplies the loops of all plants of the
@@ -22,8 +23,8 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 
-# A quotient is the mean over frequencies whose logarithms differ by less than AVERAGING_WIDTH, if
-# the sum of its squared deviations is below SCATTER_MAX times their number, in variances.
+# AVERAGING_WIDTH: width of the mean of a quotient of responses, in logarithms of frequencies.
+# SCATTER_MAX: largest mean of the squared deviations from this mean, in variances.
 AVERAGING_WIDTH, SCATTER_MAX = 0.04, 2.0
 RANDOM_PLANTS = 12  # number of random plants of the set, in addition to nominal and corner plants
 CORNERS_MAX = 16  # largest number of corner plants

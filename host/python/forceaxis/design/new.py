@@ -76,8 +76,8 @@ class AmplifierCircuit:
 
 @dataclass(frozen=True)
 class FirmwareTime:
-    """Value in ticks of a firmware object, and the sentence that explains this value in the
-    file."""
+    """Value of a firmware object in ticks, and a sentence for the experiment file that explains
+    this value."""
 
     name: str
     ticks: int
@@ -123,9 +123,9 @@ def amplifier_circuit(v: SheetValues) -> AmplifierCircuit:
             f"got {v.current_loop_hz:g} Hz; raise `current_loop_hz`, or check R and L",
         )  # fmt: skip
     k_tach = v.tachometer_v_s_per_rad or full_V * r / speed
-    # Without filter and inductance, (R + k_amp k_current) i = k_amp (k_preamp_cmd u -
-    # k_preamp_fdbk k_tach v/r) - k_back_emf v/r. The force k_torque/r i - b v has to equal
-    # D (speed/full_V u - v).
+    # Drive without filter and inductance, with K = k_amp and the motor speed v/r:
+    # (R + K k_current) i = K (k_preamp_cmd u - k_preamp_fdbk k_tach v/r) - k_back_emf v/r.
+    # The force k_torque/r i - b v has to equal D (speed/full_V u - v).
     D = 2 * math.pi * v.velocity_loop_hz * mass
     b = v.guide_damping_n_s_per_m + v.motor_damping_n_m_s_per_rad / r**2
     Z = R + k_amp * k_current
@@ -379,8 +379,8 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float  # duration of the experiment step.toml
-    # force of the axis in N at the start of the approach: force of the DAC code plus weight, of
-    # which output_bias holds its part
+    # force of the axis in N at the start of the approach: that of the DAC code and of output_bias,
+    # plus the weight of the axis
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None

@@ -45,8 +45,8 @@ class DesignOrder:
     latency: str = "both"  # latencies of the design, a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None selects the default of grid.Goal
     hf_gain: float | None = None
-    # Rise time in s of a force set-point ramp that the force has to follow, and its smallest value
-    # if the bandwidth of the law determines it.
+    # ramp_s: rise time in s of a ramp of the force set-point that the force has to follow.
+    # ramp_min_s: smallest rise time in s if the bandwidth of the law determines the rise time.
     ramp_s: float | None = None
     ramp_min_s: float = RAMP_MIN_S
     static_error_max: float = 1.0  # largest static error of the law as a share of the set-point
@@ -57,7 +57,8 @@ class DesignOrder:
     forces_N: tuple[float, ...] = ()
     # approach speed; None selects the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None
-    may_slow: bool = False  # a given approach speed may become slower as one that is not given
+    # True if the design may also reduce an approach speed that the user has given
+    may_slow: bool = False
     simulate: bool = True
     threads: int | None = None
 

@@ -40,10 +40,10 @@ from forceaxis.linear.stability import Loop
 LARGER_STRUCTURE_MIN = 1.1
 # The result explains why a law has less than this share of the bandwidth of a smaller structure.
 SMALLER_SHARE = 0.99
-# The result names the cost of the ramp above this ratio of bandwidths, without and with the ramp.
+# The result states the loss of bandwidth by the ramp if the bandwidth without it is larger by this
+# factor.
 RAMP_COST_MIN = 1.1
-# Number of random plants on which the result is checked. The certificate then searches for worse
-# plants.
+# Number of random plants with which the designed law is checked before its certificate is computed.
 RANDOM = 250
 SLOWEST_HZ = 1.5 * LOWEST_HZ  # smallest bandwidth of a law on the plants of a grid
 GRID_SLOWER = 0.99  # a bandwidth on a grid below this share of another one is surely smaller
@@ -519,8 +519,8 @@ def _result(
     def certified(name: str, unit: Bank, least_Hz: float) -> StructureDesign:
         gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
         bank = certificate.lowered(unit, gain)
-        # The worst plants of the grid alone show that the law is slower than another one, or too
-        # slow to be evaluated.
+        # The worst plants of the grid alone show whether the law is slower than another one.
+        # They also show whether the law is too slow to be evaluated.
         if grid.figures(bank).fS_Hz.min() < max(GRID_SLOWER * least_Hz, SLOWEST_HZ):
             return StructureDesign(name, bank_figures(bank), None)
         accuracy: certificate.Accuracy = "quick" if unit.sections else "mean age"

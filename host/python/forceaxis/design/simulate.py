@@ -66,11 +66,12 @@ SLOW_SENSOR_HZ = 200.0
 WINDOW_S = 0.5  # length in s of the window of the verdict
 # Shortest and longest time in s from the first contact to the window of the verdict.
 SETTLE_S = (1.5, 10.0)
-# Largest permitted force ripple in 8-bit counts, peak to peak: RIPPLE_COUNT, or if this is more, a
-# count of rounding and NOISE_RIPPLE times the rms noise of the sensor, which a law amplifies a bit.
+# Largest permitted force ripple in 8-bit counts, peak to peak: RIPPLE_COUNT or a larger value.
+# The larger value is one count plus NOISE_RIPPLE times the rms noise of the sensor.
+# A force law amplifies this noise a little.
 RIPPLE_COUNT, NOISE_RIPPLE = 3.0, 9.0
-# Contact losses that are permitted besides, if `contact_force` is less than FLICKER_NOISE times the
-# rms noise: where the force passes `contact_force` slowly, the noise alone ends a contact.
+# Further permitted contact losses if `contact_force` is below FLICKER_NOISE times the rms noise.
+# While the force passes `contact_force` slowly, the noise alone then causes contact losses.
 FLICKER_LOSSES, FLICKER_NOISE = 3, 8.0
 LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default of `contact_force`
 # Firmware settings that the simulated contacts take from the experiment of the design.
@@ -82,14 +83,14 @@ KEPT = (
 # Factors by which the impulse of a simulated impact is multiplied in a series of impacts.
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
-# Shares of the largest dry friction against which the axis moves slowly after a contact loss, and
-# share against which it moves at approach speed if that does not suffice.
+# FRICTION_SHARES: shares of the largest friction that the axis overcomes after a contact loss.
+# MOST_FRICTION_SHARE: share that it overcomes at approach speed if these are not sufficient.
 FRICTION_SHARES, MOST_FRICTION_SHARE = (0.5, 1.0), 2.0
 # Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
 REPEATED_MAX = 6  # number of unstable contacts that are simulated first at the next gain
-# Largest permitted force error beside the static error of the law, as a share of the force
-# set-point. A force error of HALF_COUNT is always permitted.
+# Largest permitted force error, beside the static error of the law, divided by the set-point.
+# A force error of HALF_COUNT is always permitted.
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
 PEAK_MAX = 1.3  # largest permitted peak force as a multiple of the force set-point
@@ -148,7 +149,7 @@ class ContactBench:
         bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        # The cache of files is emptied, because the other bench has files with the same names.
+        # The new bench must not use the files of this bench, which have the same names.
         self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
@@ -717,8 +718,8 @@ def choose_loss(
         return all(stable[key] for key in keys)
 
     every = range(len(contacts))
-    # A choice that tolerates the whole series with all contacts is the best one. To find it, the
-    # hardest impact comes first.
+    # The best choice is one with which all contacts of the series are stable.
+    # The hardest impact is simulated first, because it rejects most choices.
     simulated((choice, i, STRIKE_FACTORS[-1]) for choice in able for i in every)
     best = next(
         (
@@ -737,8 +738,8 @@ def choose_loss(
         for choice, i in going:
             if stable[choice, i, factor]:
                 tolerated[choice][i] = factor
-        # A choice with which a contact fails is worse than one with which all go on. Of the
-        # default, only the smallest factor is needed.
+        # A choice with which one contact fails is worse than a choice with which none fails.
+        # For the default choice, only the smallest factor is simulated.
         whole = [choice for choice in ranked if min(tolerated[choice]) == factor]
         able = [choice for choice in able if choice in whole] or able
         needed = {*able, *(choice for choice in choices[:1] if choice in whole)}
@@ -839,7 +840,7 @@ def safe(
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
     every = contacts_of(bench, members, latencies)
-    before: list[Contact] = []  # contacts that were unstable at the gain before
+    before: list[Contact] = []  # contacts that were unstable at the previous, larger gain
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break

@@ -36,8 +36,8 @@ GROUPS = re.compile(
     r"(?<![\w.,'])[1-9]\d{0,2}(?:[.,']\d{3})+(?:[.,]\d+)?(?!\d|[.,']\d|[eE][-+]?\d)"
 )
 SCOPE = "TwinCAT Scope"
-# Keys of the step of the times, in lower case. Without a unit they are in s only in the files of
-# makers that define it so.
+# Keys in a header, in lower case, that state the time step of the samples.
+# A time step without a unit is in s only in files of makers that define it so.
 STEPS_IN_S = ("increment", "delta_x", "sample interval", "xinc", "xincrement", "x increment")
 STEPS = (*STEPS_IN_S, "sampling interval", "sample period", "sampling period", "sample time",
          "abtastintervall", "abtastzeit", "dt", "delta t")  # fmt: skip

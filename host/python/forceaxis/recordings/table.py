@@ -50,8 +50,9 @@ SHOWN = 40  # largest number of characters that a message shows of a text that i
 SHOWN_LINES = 4  # largest number of skipped lines that are shown with their text
 # Numbers by which programs say that a value was outside the range of a converter.
 OVER_RANGE_NUMBERS = (9.9e37, 9.91e37, -9.9e37, -9.91e37)
-# Names, in lower case, of a column that names the signal of each row. With the first ones, this is
-# sure; a column with another name may also have states.
+# Names, in lower case, of a column that states for each row to which signal the row belongs.
+# A column with one of the first names is certainly such a column.
+# A column with one of the other names may also contain states.
 SURE_NAMES = ("varname", "variable", "variable name", "tag", "tagname", "tag name")
 SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name", "item", "name",
                 "parameter", "topic", "sensor", "id")  # fmt: skip
@@ -62,8 +63,8 @@ MILLISECONDS = ("ms", "msec", "msecs", "millis", "milli", "millisecond", "millis
 EXACT_SHARE = 1e-3
 EXACT = Context(prec=200)  # digits of the difference of two times
 LARGEST_TIME = 1e22  # largest magnitude of a time in any unit
-# Two sections with the same columns are one recording if the times of the second one continue those
-# of the first one, with at most this many missing samples.
+# Two sections with the same columns are one recording if the second continues the first in time.
+# This is the largest number of missing samples between the two sections.
 CONTINUED_PERIODS = 10.0
 
 

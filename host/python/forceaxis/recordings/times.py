@@ -26,8 +26,8 @@ LEAST_SAMPLES = 8
 RATE_MAX_HZ = 10e6
 # If the times in s begin after this value, they are calendar times (s since 1970).
 LARGE_TIME_S = 1e5
-# Stamps are coarser than the samples if more than this share of the samples have the stamp of the
-# sample before them.
+# Time stamps are coarser than the sampling period if many samples repeat the stamp before them.
+# This is the share of such samples above which the stamps are regarded as coarse.
 COARSE_SHARE = 0.1
 # A restart falls back by at least this many periods, and goes on with steps of at most so many.
 FALL_PERIODS, STEP_PERIODS = 8.0, 3.0

@@ -17,9 +17,9 @@ from forceaxis.recordings.signal_recording import Floats
 
 LEAST_BEFORE = 8  # smallest number of samples before the first contact
 # A single sample above all of three levels is a contact.
-# The first level is so many standard deviations of the noise that noise alone exceeds it with the
-# probability FALSE_ALARM in a whole recording.
-# The second level is a share of the largest force, and the third one a number of smallest steps.
+# Noise alone exceeds the first level in a whole recording with the probability FALSE_ALARM.
+# The first level is a multiple of the standard deviation of the noise.
+# The second level is a share of the largest force, the third one a number of smallest steps.
 FALSE_ALARM, PEAK_SHARE, QUANTA = 1e-3, 0.005, 1.5
 COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
 # The force begins to rise at the last sample below this multiple of the noise before a contact.
