@@ -11,7 +11,7 @@ TABLE = tomllib.loads((ROOT / "tests/findings.toml").read_text(encoding="utf-8")
 # Letter, number of the first and of the last row of each round.
 ROUNDS = {
     "2026-11-24": (("V", 1, 16), ("N", 1, 3), ("D", 1, 12), ("C", 1, 13)),
-    "2026-11-28": (("S", 0, 10), ("B", 1, 14), ("N", 1, 7), ("L", 1, 5)),
+    "2026-11-28": (("S", 0, 10), ("B", 1, 14), ("N", 1, 7), ("L", 1, 5), ("I", 1, 4)),
 }
 ROWS = [
     (date, f"{letter}{number}")
