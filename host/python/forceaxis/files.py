@@ -36,8 +36,9 @@ DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
-UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file, or
-UNPACKED_MOST_TIMES = 16  # so many times the size of the file itself
+UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in a file
+# for a large file: largest total size of all arrays, divided by the size of the file
+UNPACKED_MOST_TIMES = 16
 INTEGER_MOST = 1 << 64  # largest magnitude of an integer in JSON, plus 1
 # largest number of characters of another package's error text that a message shows
 TEXT_MOST = 200

@@ -211,7 +211,7 @@ def grid_of(values: Floats) -> float:
             rest = min(rest, abs(step - rest))
     if step < 100 * GRID_ERROR * span:
         return 0.0
-    # Computed from the whole range, the step has a smaller relative rounding error.
+    # The step is computed from the whole range, because this reduces its relative rounding error.
     step = span / round(span / step)
     off = (different - different[0]) / step
     return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0

@@ -40,17 +40,19 @@ SWEEPS = 3
 # largest number of searches for the most likely plant, each with the errors of the search before
 ROUNDS = 6
 SAME = 0.1  # largest difference of two logarithms of an error's size that count as equal
-# An error has no effect if its largest variance, divided by that of the noise, is below this.
+# Below this ratio of its largest variance to the variance of the noise, an error has no effect.
 VISIBLE = 0.03
 # Share and correlation time in s of the errors with which a search from the prior begins.
 START_SHARE, START_S = 0.01, 0.03
-# If an exact model is rejected, the errors of force and position have at least this size.
-# FLOOR: smallest share of such an error. FLOOR_S: its smallest correlation time in s.
+# If an exact model is rejected, the errors of force and position have at least the size FLOOR.
+# FLOOR: smallest size of an error, as a share. FLOOR_S: smallest correlation time of an error in s.
 # A model that is wrong in one place is exact nowhere, although parameters may hide it.
 FLOOR, FLOOR_S = 0.0025, 0.1
 STARTS = 4  # number of start points of the search with errors of START_SHARE
-INVISIBLE = 1e-4  # variance of an error below which it is left out, divided by that of the noise
-RESPONSE_SHARE = 1e-3  # change of the command for its numerical derivatives, as a share
+# variance of an error below which the error is left out, divided by the variance of the noise
+INVISIBLE = 1e-4
+# relative change of the command from which numerical derivatives are computed
+RESPONSE_SHARE = 1e-3
 
 
 @dataclass(frozen=True)

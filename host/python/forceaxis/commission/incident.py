@@ -42,7 +42,7 @@ STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
 # Longest time in s until the axis has completed the recording of an incident and its CRC.
 COMPLETE_TIMEOUT_S = 5.0
-FULL_SCALE_BITS = 8  # a force count is a count of an ADC with this number of bits
+FULL_SCALE_BITS = 8  # number of bits of an ADC whose codes are force counts
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 

@@ -23,7 +23,7 @@ from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
 # Largest standard deviation of the logarithm of a parameter, if there is no released posterior.
-# A machine without a released posterior is assumed to agree with its model.
+# If a machine has no released posterior, it is assumed to agree with its model.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
 FORCE_MIN_N = 1.0  # smallest force from which start values of a changed plant are computed

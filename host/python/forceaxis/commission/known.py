@@ -38,7 +38,8 @@ DRIVE_SPREADS = {
 # Smallest standard deviation of a prior that was read from a posterior.
 # The prior must not be narrower, because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
-# A drive has an integral if its force for the same DAC code is this many times larger at STEADY_HZ.
+# INTEGRAL_RATIO: smallest force per DAC code at STEADY_HZ of a drive with an integral.
+# The force at STEADY_HZ is divided by the force in the band INTEGRAL_BAND_HZ.
 INTEGRAL_RATIO = 10.0
 INTEGRAL_BAND_HZ = (1.0, 100.0)  # frequency band in which a drive without an integral has one force
 # Time step in s of a step response, and its number of time steps.

@@ -52,7 +52,7 @@ FREED_GAIN_MIN = 3.0
 # BEGIN_EVALUATIONS: largest number for a fit of the parameters of a candidate alone.
 # FIRST_EVALUATIONS: largest number for a fit of all parameters.
 # EVALUATIONS_MAX: largest number for the best candidates, which are fitted again.
-# These are REFINED_MIN candidates, and all that have REFINED_SHARE of the best evidence.
+# The best candidates are REFINED_MIN ones, and all that have REFINED_SHARE of the best evidence.
 BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
 WHOLE_EVALUATIONS = 10
 REFINED_MIN, REFINED_SHARE = 4, 0.3
@@ -278,8 +278,7 @@ def _ranked(
         if starts:
             begun.append(min(starts, key=lambda one: one.cost))
     begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
-    # A fit that began with all parameters had more evaluations, so it is not one of the repeated
-    # fits.
+    # A fit that began with all parameters had more evaluations. It is therefore no repeated fit.
     plain = [one for one in begun if not one.candidate.whole]
     least = REFINED_SHARE * plain[0].tried(before).gain if plain else 0.0
     tried = [

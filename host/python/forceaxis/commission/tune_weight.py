@@ -14,10 +14,10 @@ from forceaxis.commission.tune_measure import free_travel_mm, per_mm, temporary
 from forceaxis.commission.tune_results import Settings
 
 # Largest peak-to-peak value of normal noise, divided by its rms value.
-# In half a second at rest, normal noise exceeds it once in ten thousand recordings.
+# Half a second of normal noise exceeds PEAK_TO_PEAK once in ten thousand recordings.
 PEAK_TO_PEAK = 10.0
 # Relative uncertainty of the DAC code of the model that holds the weight.
-# It follows from the accuracy with which a data sheet states mass and motor constant.
+# WRONG_SHARE follows from the accuracy with which a data sheet states mass and motor constant.
 WRONG_SHARE = known.MASS_SPREAD + known.DRIVE_SPREAD
 
 

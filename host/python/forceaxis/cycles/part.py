@@ -207,8 +207,9 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
     # In its first tick, the cycle begins and has its first sample.
     inside = slice(begin, end + 1)
     converters = done.result.converters
-    # The traced phase of a tick is the phase after this tick. The phase to which a sample belongs
-    # is therefore the traced phase of the previous tick, and that of the first one is the first.
+    # The trace contains the phase after each tick.
+    # A sample therefore belongs to the phase that was traced one tick before.
+    # The first sample belongs to the first phase.
     phase = np.append(0, done.columns["cycle_phase"][begin:end].astype(np.int64))
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")

@@ -29,7 +29,7 @@ LEAST_SINGULAR_RATIO = 1e-7
 # A smaller relative change of the response does not count as an effect of a parameter.
 LEAST_EFFECT = 1e-9
 # If the chi-square of a fit has a smaller probability, other start values are tried.
-# If its probability stays smaller, the fit is rejected.
+# If the probability of the chi-square of a fit stays smaller, the fit is rejected.
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of further start values that a search tries after a bad fit
 # Fields of a Measurement that are arrays. The arrays have the same names in response.npz.

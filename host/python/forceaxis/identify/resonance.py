@@ -23,7 +23,7 @@ from forceaxis.linear.plant_facts import Overrides
 # With a smaller damping ratio, a peak is narrower than the spacing of the measured frequencies.
 # With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
-# Largest ratio between the fitted frequency of a resonance and that of the peak in the data.
+# Largest ratio of the fitted frequency of a resonance to the frequency of its peak in the data.
 FREQUENCY_RATIO = 1.3
 
 

@@ -137,7 +137,7 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-# A body counts as stuck if it sticks for more than this fraction of the time.
+# STUCK_SHARE: largest fraction of the time for which a body sticks and does not count as stuck.
 # Every body sticks for a moment when the direction of its motion changes.
 STUCK_SHARE = 0.01
 

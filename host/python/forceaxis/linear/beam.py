@@ -89,7 +89,7 @@ def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
     # Newton's iteration converges here, because every start value is close to a root.
-    # If it does not converge, the program has a defect.
+    # If the iteration does not converge, the program has a defect.
     raise ArithmeticError("a root of the beam did not converge")
 
 
@@ -217,7 +217,7 @@ class Beam:
         # identity for the response of the tip: 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        # np.where computes the formula for small |z| and that for large |z|.
+        # np.where computes both formulas: the one for small |z| and the one for large |z|.
         # The formula that np.where does not select may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
             # This formula for small |z| is exact to all digits near z = 0.

@@ -67,7 +67,7 @@ class Heads:
     kind: str = "CSV"
     names: Line | None = None
     units: Line | None = None
-    # number of samples that the header states, and where it does
+    # number of samples that the header states, and the place of this number in the header
     count: tuple[int, str] | None = None
     notes: list[str] = field(default_factory=list)
     refused: Line | None = None  # line with more names than the rows have fields
@@ -85,7 +85,7 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     keys, side = _keys_of(lines), _keys_beside(section)
     found = _keyed_heads(section, keys, width) or _named_heads(section, lines, width)
     has_none = found.names is None and found.refused is None
-    # Names of a table with more columns may be those of any columns.
+    # If a table has more columns than names, the names may belong to any of the columns.
     if has_none and before is not None and len(section.kinds) >= len(before.heads) >= width:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)

@@ -24,10 +24,10 @@ from forceaxis.recordings.units import factor_of, hint_of, is_unit, si_unit_of, 
 from forceaxis.words import counted, suggestion
 
 NAME = re.compile(r"[a-z][a-z0-9_.]*$")
-# Commas between two maps; other commas belong to the name of a column.
+# A comma between two maps separates them. Other commas belong to the name of a column.
 BETWEEN_MAPS = re.compile(r",(?=\s*[A-Za-z][\w.]*=)")
 DELAY_MAX_S = 1.0
-# Signals are of one clock if no more than this multiple of the longest one is between them.
+# Largest pause between two signals of one clock, divided by the duration of the longest signal.
 APART = 10.0
 
 

@@ -31,7 +31,7 @@ STAMPS = ("header.stamp_ns", "stamp_ns", "timestamp_ns", "header.timestamp_ns")
 MOST_ITEMS = 64  # largest number of items of a list that become columns
 LARGEST_INTEGER = 1 << 62
 ASCENDING_SHARE = 0.9  # smallest share of the steps of a time that are not negative
-NEAR_S = 86400.0  # a time since 1970 differs from the time of the log by less than this
+NEAR_S = 86400.0  # largest difference between a time since 1970 and the time of the log
 Decoder = Callable[[bytes], object]
 
 

@@ -24,7 +24,7 @@ from forceaxis.words import plain
 ModelErrors: TypeAlias = Mapping[str, ModelError]  # {signal: its error}
 
 KINDS = ("drive", "force", "position")  # what may have an error of the model
-UNITS = {"drive": "N", "force": "N", "position": "m"}  # units of the sizes of these errors
+UNITS = {"drive": "N", "force": "N", "position": "m"}  # units of the sizes of the errors
 SHARE_MAX = 0.5  # largest error that can be given, as a share of the signal
 CORRELATION_S = 0.01  # correlation time in s of an error that is given without it
 KNOTS = 40  # number of times between which an error is interpolated

@@ -27,11 +27,12 @@ RATE_MAX_HZ = 10e6
 # If the times in s begin after this value, they are calendar times (s since 1970).
 LARGE_TIME_S = 1e5
 # Time stamps are coarser than the sampling period if many samples repeat the stamp before them.
-# This is the share of such samples above which the stamps are regarded as coarse.
+# Share of samples with a repeated stamp, above which the time stamps are regarded as coarse.
 COARSE_SHARE = 0.1
-# A restart falls back by at least this many periods, and goes on with steps of at most so many.
+# Times that begin again fall by at least FALL_PERIODS sampling periods.
+# The step of the times after such a fall is at most STEP_PERIODS sampling periods.
 FALL_PERIODS, STEP_PERIODS = 8.0, 3.0
-# A column counts the samples if its steps differ by at most this share.
+# Largest relative difference between the steps of a column that counts the samples.
 EVEN_STEPS = 0.01
 RATED_SAMPLES = 200_000  # largest number of samples from which a rate is computed
 
