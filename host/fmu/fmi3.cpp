@@ -1,5 +1,5 @@
 // The functions of FMI 3.0 for co-simulation without events. Two kinds of functions refuse every
-// call: those for other kinds of simulation, and those for types that no variable has.
+// call: functions for other kinds of simulation, and functions for types that no variable has.
 #include <fmi3Functions.h>
 
 #include <algorithm>

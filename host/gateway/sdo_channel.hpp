@@ -40,7 +40,7 @@ class SdoChannel {
     bool is_upload;
     std::vector<std::uint8_t> data;
     Completion<canopen::SdoResult> *done;
-    int tries;  // number of times that the request may still be sent
+    int tries;  // number of further times that the request may be sent
   };
   // A read changes nothing, so a read is sent again if a frame may have been lost. A write is not
   // sent again.

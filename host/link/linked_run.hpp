@@ -1,5 +1,5 @@
 #pragma once
-// The plant's end of a run whose firmware is in another process, for one or several axes.
+// The process of the plants, in a run whose firmware runs in another process, for all axes.
 #include <cstdint>
 #include <functional>
 #include <memory>

@@ -22,7 +22,7 @@ struct NodeOptions {
   std::string pace = "fast";  // Speed of the run: "fast" or "real".
   double start_timeout_s = 5;
   double timeout_s = 1;
-  bool endless = false;  // true: the programs run a session without an end time
+  bool endless = false;  // true: the programs run a session that has no end time
                          // (host/link/session.hpp)
   host::LinkOptions link;
 };

@@ -212,8 +212,8 @@ void JournalWriter::power_up(const fw_config_t &config) {
        << ' ' << config.serial_number << '\n';
   if (config.memory != nullptr) write_memory("store", *config.memory);
   if (config.archive != nullptr) write_memory("archive", *config.archive);
-  flush();  // The journal has this state at once: a replay needs it even if the process is killed
-            // in the first tick.
+  flush();  // A replay needs the state at the start, even if the process is killed in the first
+            // tick.
 }
 
 void JournalWriter::write_memory(const char *kind, const store_memory_t &memory) {

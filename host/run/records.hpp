@@ -36,7 +36,7 @@ struct LinkOutputs {
   std::int16_t dac_code;
   std::uint8_t out;           // digital outputs: bit 0 amp_enable, bit 1 brake_release
   std::uint8_t fault;         // fault, one of AXIS_FAULT_
-  std::uint8_t limit_reason;  // reason of a limit, one of AXIS_LIMIT_REASON_
+  std::uint8_t limit_reason;  // reason of the active limit, one of AXIS_LIMIT_REASON_
   std::uint8_t axis;          // number of the axis, counted from 1
 };
 

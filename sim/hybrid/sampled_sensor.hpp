@@ -60,8 +60,8 @@ class SampledSensor {
   }
 
  private:
-  static constexpr double kSame = 1e-6;  // two instants are equal if they differ by less than this
-                                         // number of steps
+  static constexpr double kSame = 1e-6;  // largest difference of two instants, in steps, that are
+                                         // regarded as equal
 
   double instant(std::int64_t sample) const {
     const double at = phase_ + static_cast<double>(sample) * steps_per_s_ / rate_hz_;

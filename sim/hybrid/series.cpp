@@ -33,8 +33,8 @@ ExtendedMatrix sparse_product(const ExtendedMatrix &a, const ExtendedMatrix &b) 
 
 }  // namespace
 
-// Computes four rows together, so that their sums stay in registers. Memory stores in extended
-// precision would take most of the time.
+// Computes four rows together, so that their sums stay in registers. Otherwise the program would
+// need most of its time to store sums in extended precision in the memory.
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
   if (3 * (a.array() != 0).count() < a.size()) return sparse_product(a, b);
   ExtendedMatrix c(a.rows(), b.cols());

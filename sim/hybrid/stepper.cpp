@@ -62,7 +62,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // Energies are summed from here on: the first mode is known now.
+  energy_.begin();  // The sums of the energies begin here, because the first mode is known.
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -327,8 +327,8 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
 bool Stepper::cross_grid(double rest, bool quiet, bool whole, Progress *progress) {
   const Mode &m = *mode_;
   // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
-  const double places = rest / m.reach;  // this division has no rounding error, because the divisor
-                                         // is a power of two
+  const double places = rest / m.reach;  // the division by m.reach, a power of two, has no rounding
+                                         // error
   std::size_t parts = m.grid;
   if (places < static_cast<double>(parts)) {
     parts = static_cast<std::size_t>(places);

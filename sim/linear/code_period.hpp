@@ -57,7 +57,7 @@ class CodePeriod {
     double direct;
   };
   struct Reading {
-    std::size_t first, end;  // This reading of a sensor is the sum of the terms terms_[first] to
+    std::size_t first, end;  // One reading of a sensor is the sum of the terms terms_[first] to
                              // terms_[end - 1].
     std::vector<int> ticks;  // ticks of the bus cycle in which the law uses this reading of the
                              // sensor

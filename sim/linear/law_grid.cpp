@@ -29,8 +29,8 @@ constexpr double kPointsPerDecade = 60, kFastPointsPerDecade = 270;
 // half-widths of the resonance.
 constexpr double kPointsPerSide = 42;
 constexpr Extended kFarthestHalfWidths = 25;
-constexpr double kDampingMax = 0.3;  // near roots with a larger damping ratio the frequency grid
-                                     // need not be denser
+constexpr double kDampingMax = 0.3;  // largest damping ratio of a root near which the frequency
+                                     // grid must be denser
 constexpr double kNone = std::numeric_limits<double>::infinity();
 constexpr double kHalfPower = 0.5;     // value of |S|^2 at -3 dB
 constexpr double kStableShare = 1e-9;  // smallest damping ratio of a stable pole
@@ -196,7 +196,7 @@ struct LawGrid::Loop {
 
   std::vector<double> real, imag, square, noise;
   std::vector<Turned> turned;  // loop gain with each delay
-  Turned apart;  // loop gain with one delay at each alias frequency, before these are added
+  Turned apart;                // loop gain with one delay, separately for each alias frequency
 };
 
 // The loop gain L with one delay around one plant: real part, imaginary part and |L|^2 at the grid
@@ -886,7 +886,7 @@ bool is_known(const SlowRoots &slow, const ForcePlant &plant, const LawShape &la
 
 }  // namespace
 
-// Each method computes one figure of a loop. It begins with the values at the points of the grid.
+// Each method computes one figure of a loop, beginning with the values at the points of the grid.
 class LawGrid::Precise {
  public:
   // `at_rest` is the gain of the loop at frequency 0, which is infinite with an integral.
@@ -1022,7 +1022,7 @@ LawValue value_of(const GainLimit &limit, double hz) {
 
 LawValue LawGrid::evaluate(const LawShape &law, const LawBounds &bounds, const RampResponse *ramp,
                            double floor_hz) const {
-  thread_local Loop loop;  // about 100 kB for each thread; all later calls reuse this memory
+  thread_local Loop loop;  // memory of about 100 kB for each thread; all later calls reuse it
   loop.resize(hz_.size(), delays_.size(), aliases_);
   GainLimit limit;
   limit.gain = bounds.hf_gain / law.hf_gain();

@@ -47,8 +47,8 @@ struct KeyFormat {
   /// Name of another key of the same table that this key needs to have a meaning. Empty if this key
   /// needs no other key.
   std::string_view beside = {};
-  bool needed_beside = false;  ///< True: a table with the key that `beside` names must also have
-                               ///< this key.
+  bool needed_beside = false;  ///< True: if a table has the other key `beside`, the table must
+                               ///< also have this key.
   bool rising = false;  ///< True: the value is a list of numbers, which must be in ascending order.
 
   /// Advice to the user in the message about a text that is not a permitted choice.

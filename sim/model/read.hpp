@@ -31,8 +31,8 @@ struct Names {
   std::vector<SignalInfo> signals;
   std::optional<Dimension> signal;  ///< unit of the signal whose name is in the present table
 
-  /// Pairs of a kind of table and a name, for all names that are already taken. Elements and ports
-  /// of a model have the kind "element".
+  /// All names that are already taken, each with its kind of table: (kind, name). Elements and
+  /// ports of a model have the kind "element".
   std::set<std::pair<std::string, std::string>> taken;
 
   /// Takes a name for a table of the kind `what`. Throws InputError if another table of this kind

@@ -1,6 +1,5 @@
-// The system that the signal analyzer measures. This is the plant alone, driven by a voltage with a
-// small time step, or the plant with the running firmware, whose excitation mode generates the DAC
-// codes.
+// The system that the signal analyzer measures. It is the plant alone, driven by a voltage with a
+// small time step, or the plant with the firmware. The firmware then generates the DAC codes.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>

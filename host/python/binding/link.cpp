@@ -1,4 +1,4 @@
-// The plant's end of a run whose firmware runs in another process.
+// The process of the plant, in a run whose firmware runs in another process.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>

@@ -13,9 +13,9 @@ void add_laws(pybind11::module_ &m);      // defined in laws.cpp
 void add_linear(pybind11::module_ &m);    // defined in linear.cpp
 void add_link(pybind11::module_ &m);      // defined in link.cpp
 void add_live(pybind11::module_ &m);      // defined in live.cpp
-void add_objects(pybind11::module_ &m);   // defined in objects.cpp
-void add_plant(pybind11::module_ &m);     // defined in plant.cpp
-void add_toml(pybind11::module_ &m);      // defined in toml.cpp
+void add_objects(pybind11::module_ &m);   // objects.cpp defines this function
+void add_plant(pybind11::module_ &m);     // plant.cpp defines this function
+void add_toml(pybind11::module_ &m);      // toml.cpp defines this function
 
 /// SHA-256 of the source files of the firmware and of the simulator. hashes.cpp defines them, so
 /// that only this file must be compiled again after a change of a hash.

@@ -173,7 +173,7 @@ def read_arrays(
 
 def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
     """Returns an array of an NPZ file. Raises an exception whose type is in DAMAGE if the size of
-    the array differs from that in its header."""
+    the array differs from the size in its header."""
     data = io.BytesIO(archive.read(name))
     head = np.lib.format
     version = head.read_magic(data)

@@ -84,8 +84,8 @@ struct Adc {
   int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
   int bits = 8;       ///< number of bits of the code, 8..16
 
-  /// Fraction of a code step that is added before the code is rounded down: 1/2, and less if the
-  /// code is the upper 16 bits of a longer code.
+  /// Fraction of a code step that is added before the code is rounded down. The fraction is 1/2, or
+  /// less if the code is the upper 16 bits of a longer code.
   double rounding = 0.5;
   std::optional<Sampling> sampling;  ///< sampling of the ADC; empty: the ADC samples at each tick,
                                      ///< without delay

@@ -9,7 +9,7 @@ namespace forceaxis::sim {
 class Section;
 struct Names;
 
-inline constexpr int kGround = -1;  ///< index that stands for the ground in place of a point
+inline constexpr int kGround = -1;  ///< index of an end that is at the ground, not at a point
 
 /// The two ends of an element. Each end is the index of a point (Model::point_names), or kGround.
 struct Ends {

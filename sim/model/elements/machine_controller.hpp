@@ -48,9 +48,9 @@ struct MachineTable {
   std::vector<double> times;   ///< times in s since tick 0 in ascending order, >= 0, at least two
   std::vector<double> values;  ///< command in m/s or N at each time; constant before the first and
                                ///< after the last time
-  bool interpolated = false;   ///< false: each value is held until the next time
-  std::vector<double> speeds;  ///< commands in m/s as the model file gives them
-  std::vector<double> forces;  ///< commands in N; the model file gives either these or `speeds`
+  bool interpolated = false;   ///< false: each command is held until the next time
+  std::vector<double> speeds;  ///< commands in m/s in the model file
+  std::vector<double> forces;  ///< commands in N; the model file has either `forces` or `speeds`
 
   static constexpr auto rows() {
     using enum Sign;

@@ -713,7 +713,8 @@ class Analyzer:
 
     @property
     def force_max_N(self) -> float:
-        """Largest force in N: that of the order, or `force_max` of the axis if this is less."""
+        """Largest force in N: the smaller one of the force of the order and `force_max` of the
+        axis."""
         own = self.objects.force_max * self.newton
         return min(self.order.force_max_N, own or math.inf)
 

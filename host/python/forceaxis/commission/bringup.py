@@ -1,6 +1,6 @@
 """Brings a board into operation without a motor. Each step asks a person for an action at the
-board, reads objects of the axis, and checks their values. The steps are those of the README.md of
-the board, in firmware/port/stm32f4 and firmware/port/stm32g4.
+board, reads objects of the axis, and checks their values. The README.md of the board describes
+these steps, in firmware/port/stm32f4 and firmware/port/stm32g4.
 
     protocol = bring_up(axis, Person(), BringupRequest())
     protocol.passed                     # True if every step passed

@@ -607,8 +607,8 @@ class MotionCheck:
 
     def _hold(self) -> bool:
         """Lets the position law hold the axis, because the value of output_bias may be wrong. The
-        output at standstill becomes output_bias. The bounds are those of the first motion
-        test: with a reversed encoder the axis has a fault. Returns True if the axis was held."""
+        output at standstill becomes output_bias. The first motion test has the same bounds: with a
+        reversed encoder the axis has a fault. Returns True if the axis was held."""
         used, codes = self.bias, 0.0
         if not (error := self._enabled()):
             try:

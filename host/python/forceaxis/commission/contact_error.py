@@ -153,7 +153,7 @@ class _Evidence:
         return chosen, [model_error.root_of(touch.knots, error) for error in errors.values()]
 
     def largest(self, kind: str, error: ModelError) -> float:
-        """Returns the largest variance of an error, divided by that of the noise."""
+        """Returns the largest variance of an error, divided by the variance of the noise."""
         return max(
             float(np.max(np.sum((t.hats[kind] @ model_error.root_of(t.knots, error)) ** 2, axis=1)))
             for t in self.touches
@@ -206,9 +206,9 @@ class _Evidence:
 def with_drive(
     problem: ContactProblem, best: Floats, cost: float, seed: int
 ) -> tuple[ContactProblem, Floats, float]:
-    """Searches the most likely plant whose drive is not exactly that of the data sheet. Returns the
-    problem in which also those numbers of the drive are fitted that are parameters of the model and
-    that have no given value, its most likely plant, and the cost. `best`, `cost`: those of the
+    """Searches the most likely plant whose drive differs from the drive of the data sheet. Returns
+    the problem in which also those numbers of the drive are fitted that are parameters of the model
+    and that have no given value, its most likely plant, and the cost. `best`, `cost`: those of the
     exact drive, which are returned if there is no such number."""
     sheet = known.priors(problem.model, overrides=problem.held)
     drive = known.drive_parameters(problem.model)

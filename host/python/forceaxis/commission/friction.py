@@ -378,8 +378,8 @@ def _widens(analyzer: Analyzer, travel: float, room: int) -> bool:
 def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N: float) -> Glide:
     """Returns the result with the friction that the forces of the drive show. `newton`: force in N
     per DAC code. `resolution_N`: force of one ADC code of the current; a smaller friction is not
-    regarded as measured. The dead zone becomes that of the friction at `newton`, if this is
-    larger."""
+    regarded as measured. The dead zone becomes the dead zone of the friction at `newton`, if the
+    latter is larger."""
     speeds, forces = (np.array(values) for values in zip(*((r.speed, r.force_N) for r in rows),
                                                          strict=True))  # fmt: skip
     table = np.column_stack([speeds, np.sign(speeds), np.ones(len(rows))])

@@ -253,11 +253,11 @@ class _ResponseChange:
         self.known: dict[tuple[int, ...], tuple[Floats, float]] = {}
 
     def residuals(self, chosen: Sequence[int], logs: Floats) -> Floats:
-        """Returns the residuals of the real parts, followed by those of the imaginary parts, in
-        standard deviations. Then follow the increases of the standard deviations: the ratio
-        multiplies the noise of the released response too. The sum of squares of all is -2 times the
-        log likelihood, up to a constant. `logs`: changes of the logarithms of the parameters with
-        the indices `chosen`."""
+        """Returns residuals in standard deviations: first of the real parts, then of the imaginary
+        parts. Then follow the increases of the standard deviations: the ratio multiplies the noise
+        of the released response too. The sum of squares of all is -2 times the log likelihood, up
+        to a constant. `logs`: changes of the logarithms of the parameters with the indices
+        `chosen`."""
         at = self.centre.copy()
         at[list(chosen)] += logs
         ratio = self.responses.predictions(at)[0] / self.exact

@@ -260,7 +260,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Returns True if the beginning of a file is that of an incident file."""
+    """Returns True if a file begins like an incident file."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')

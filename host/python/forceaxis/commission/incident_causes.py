@@ -64,8 +64,8 @@ class Cause:
 @dataclass(frozen=True)
 class FittedCause:
     """The result of the fit of a cause: the problem in which the cause was fitted, the most likely
-    point, and its cost. `model_text`: text of the model with the cause, or "" if the model is that
-    of the released machine."""
+    point, and its cost. `model_text`: text of the model with the cause, or "" if it is the model of
+    the released machine."""
 
     cause: Cause
     problem: IncidentProblem

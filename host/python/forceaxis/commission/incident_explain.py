@@ -211,9 +211,9 @@ def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
 
 
 def figure(found: Explained) -> "Figure":
-    """Returns the plot of the recorded second over the time from the fault. It shows the measured
-    force and position, those of the released machine, those with the best cause, and the residuals
-    of both."""
+    """Returns the plot of the recorded second over the time from the fault. It shows force and
+    position as measured, of the released machine, and with the best cause, and the residuals of the
+    two models."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, legend, style

@@ -318,7 +318,7 @@ class Responses:
 
     def fine(self, x: Samples) -> Samples:
         """Returns the residuals of the likelihood. The residuals of all responses come first, then
-        those of the priors."""
+        the residuals of the priors."""
         # The factor (dof + 1) / dof of the likelihood is set to 1 here and in the chi-square test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
@@ -446,8 +446,8 @@ def joint(
 def with_model_error(rejected: JointFit, over: Sequence[str]) -> JointFit:
     """Fits the model again with the relative errors that its residuals show, each at its frequency.
     Responses then count where the model explains them. Returns a JointFit with the errors in
-    problem.errors. Its parameters are those of the model that is nearest to the responses, and
-    their intervals are wider. `rejected`: a fit that is rejected as chi2 or prior. `over`: as for
+    problem.errors. The JointFit has the parameters of the model that is nearest to the responses,
+    with wider intervals. `rejected`: a fit that is rejected as chi2 or prior. `over`: as for
     joint()."""
     problem, x = replace(rejected.problem, reach=ERROR_REACH), rejected.at
     x = np.clip(x, *problem.bounds(1e-3))
@@ -555,7 +555,8 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 def _score(residuals: Samples, measured: Measurement) -> tuple[float, int, float]:
     """Returns three numbers: chi-square, degrees of freedom, and the probability that a correct
-    model has a chi-square at least as large, of all frequencies or of those in a narrow band.
+    model has a chi-square at least as large, of all frequencies or of the frequencies in a narrow
+    band.
 
     A mode that the model lacks shows in a narrow band. If the response has many lines, or a large
     error, its chi-square hides such a mode. Therefore each band of the width LOCAL_WIDTH_LOG is

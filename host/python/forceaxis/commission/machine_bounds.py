@@ -90,14 +90,15 @@ def free_counts(model: Path) -> int:
 
 def free_most_counts(gap: float) -> int:
     """Returns the largest travel out of contact in encoder counts to which a measurement may widen
-    that of free_counts(). `gap`: distance to the workpiece in encoder counts. 0 if it is 0."""
+    the travel of free_counts(). `gap`: distance to the workpiece in encoder counts. The result
+    is 0 if `gap` is 0."""
     return math.floor(GAP_SHARE * gap)
 
 
 def squeeze_most_counts(gap: float) -> int:
-    """Returns the largest travel in contact in encoder counts to which a measurement may widen that
-    of squeeze_counts(). It is the distance to the workpiece, over which the axis moves anyway.
-    `gap`: this distance in encoder counts."""
+    """Returns the largest travel in contact in encoder counts to which a measurement may widen the
+    travel of squeeze_counts(). It is the distance to the workpiece, over which the axis moves
+    anyway. `gap`: this distance in encoder counts."""
     return math.floor(gap)
 
 

@@ -155,8 +155,8 @@ def delay(tried: Sequence[Tried]) -> Tried | None:
 
 
 def lead(tried: Sequence[Tried]) -> float:
-    """Returns by how much the evidence of the first candidate exceeds that of the best candidate
-    with another name. The model as it is does not count, because its fit was rejected."""
+    """Returns the evidence of the first candidate minus the evidence of the best candidate with
+    another name. The model as it is does not count, because its fit was rejected."""
     others = [one.gain for one in tried[1:] if one.name != tried[0].name]
     return tried[0].gain - max(others, default=0.0)
 
@@ -321,8 +321,8 @@ class _Fit:
 
 def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -> _Fit | None:
     """Fits only the parameters of a candidate, while all other parameters stay at x. The cost is
-    that of the residuals coarse(). A candidate whose fit begins with all parameters is not fitted
-    here. Returns None if the candidate is not possible in the model."""
+    computed from the residuals coarse(). A candidate whose fit begins with all parameters is not
+    fitted here. Returns None if the candidate is not possible in the model."""
     try:
         wider = _with(problem, candidate, folder)
     except InputError:
@@ -387,8 +387,8 @@ def _with(problem: Responses, candidate: Candidate, folder: Path) -> Responses:
 
 
 def _refined(begun: _Fit, evaluations: int) -> _Fit:
-    """Fits all parameters together, beginning at those of `begun`. If parameters of the model are
-    then far from their priors, another fit begins with their prior values."""
+    """Fits all parameters together, beginning at the parameters of `begun`. If parameters of the
+    model are then far from their priors, another fit begins with their prior values."""
     wider = begun.wider
 
     def at(begin: Samples) -> _Fit:

@@ -245,7 +245,7 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
 
 def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
     """Returns the `force_scale` of the model if the axis was never calibrated. Raises Refusal if
-    the calibrated `force_scale` of the axis differs from that of the model."""
+    the calibrated `force_scale` of the axis differs from the `force_scale` of the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held.force_scale / scale - 1) <= FORCE_SCALE_TOLERANCE:
         return {}
@@ -632,8 +632,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Returns the bandwidth of the filter bank divided by that of the P law. Returns None if there
-    is no gain with which the P law keeps the margins."""
+    """Returns the bandwidth of the filter bank divided by the bandwidth of the P law. Returns None
+    if there is no gain with which the P law keeps the margins."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None

@@ -493,8 +493,8 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions, lacks: str) -> str:
 
 
 def _response(folder: Path, model: str) -> Measurement:
-    """Reads a measured response. The ages of its forces are those of the model, which may have
-    another latency than when the response was measured."""
+    """Reads a measured response. The model defines the ages of the forces. Its latency may differ
+    from the latency of the measurement."""
     found = fit_response.read_response(folder, model)
     sampling = linear.facts(model).required_reading.sampling
     if found.free or not sampling:

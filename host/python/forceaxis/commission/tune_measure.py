@@ -293,8 +293,8 @@ def _shaken(
 
 
 def first_contact_N(tuning: TuningFolder, checked: Checked) -> float:
-    """Returns the force in N with which an axis makes its first contact before a measurement. For
-    this error of the force, the output of the law without its integral is that of the approach.
+    """Returns the force in N with which an axis makes its first contact before a measurement. At
+    this error of the force, the law without its integral has the same output as in the approach.
     With a larger one, an axis that bounces would become faster than its approach."""
     own = tuning.axis.get("approach_velocity_max", "contact_force") | checked.settings
     code = float(own["approach_velocity_max"]) / abs(known.code_rate(tuning.model))

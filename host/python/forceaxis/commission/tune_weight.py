@@ -81,7 +81,7 @@ def held_weight(tuning: TuningFolder, settings: Settings, rest: Rest) -> Setting
 
 def _expect_room_to_fall(tuning: TuningFolder, weight: known.Weight) -> None:
     """Raises Refusal if the axis could fall onto the workpiece when it is disabled, while its brake
-    engages and the output holds the weight of the model instead of that of the machine."""
+    engages and the output holds the weight of the model instead of the weight of the machine."""
     speed_per_code = abs(known.code_rate(tuning.model)) / (1e3 * per_mm(tuning))
     fall_mm = 1e3 * weight.driven_fall_m(WRONG_SHARE, speed_per_code)
     gap_mm = machine_bounds.gap_counts(tuning.model) / per_mm(tuning)

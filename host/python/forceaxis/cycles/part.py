@@ -46,7 +46,7 @@ class ElementFigure:
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """One phase of a press cycle: when it began and ended, and why it ended."""
+    """One phase of a press cycle: when the phase began and ended, and why it ended."""
 
     name: str
     begin_s: float
@@ -119,8 +119,8 @@ class PartRun:
 
 
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
-    """Simulates the press cycle of one part. `program`: file of a cycle program that replaces that
-    of the experiment, or None. Raises InputError."""
+    """Simulates the press cycle of one part. `program`: file of a cycle program that replaces the
+    cycle program of the experiment, or None. Raises InputError."""
     given = with_program(overrides, program)
     known = read_program(experiment, given)
     done = runs.run(experiment, given, text=_traced(experiment))

@@ -186,7 +186,7 @@ class NoLimitingMode:
 @dataclass(frozen=True)
 class NextCrossing:
     """The next gain above the critical gain at which another pole becomes unstable. The frequency
-    is that of this pole."""
+    belongs to this pole."""
 
     gain: float
     frequency_hz: float | None
@@ -416,8 +416,7 @@ class _Over:
         self.goal = self.goal_of(design.facts.required_reading.bits)
 
     def goal_of(self, bits: int) -> Goal:
-        """Returns the margins to keep with an ADC of `bits` bits, whose noise is that of the
-        model."""
+        """Returns the margins to keep with an ADC of `bits` bits, with the noise of the model."""
         goal = goal_of_noise(bits, self.design.noise_codes(bits))
         return replace(goal, timings=(self.design.timing,))
 

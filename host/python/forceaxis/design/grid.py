@@ -228,7 +228,7 @@ class Grid:
 
     def figures(self, bank: Bank) -> GridFigures:
         """Returns the bandwidths and margins of all loops with a filter bank. The gain of the bank
-        must be at most that of largest_gain(), because the stability of the loops is not
+        must be at most the gain of largest_gain(), because the stability of the loops is not
         checked."""
         values = self.core.figures(law_shape(bank), bank.force_gain)
         return GridFigures(*np.moveaxis(values, 2, 0))

@@ -192,8 +192,8 @@ class SearchProblem:
             self.ramp = kept
 
     def without_ramp(self, numbers: Samples, limits: Samples) -> Samples:
-        """Returns the numbers of the best law that a simplex search finds without the ramp. The
-        arguments are those of polished()."""
+        """Returns the numbers of the best law that a simplex search finds without the ramp. Its
+        arguments have the same meaning as the arguments of polished()."""
         kept, self.ramp = self.ramp, None
         try:
             return _polished(self, np.clip(numbers, *limits.T), limits)

@@ -495,8 +495,8 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """Returns the text of the experiment of a simulated contact. The arguments are those of
-        experiment()."""
+        """Returns the text of the experiment of a simulated contact. Its arguments have the same
+        meaning as the arguments of experiment()."""
         return experiment_file.text_of(self.experiment(case, bank, loss, model))
 
     def experiment(
@@ -798,8 +798,8 @@ def _members_of(contacts: Sequence[Contact]) -> list[Plant]:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Simulated contacts with one gain, those of them that are not stable (`again`), and the result
-    of losses() with which the fewest are not stable."""
+    """Simulated contacts with one gain, the unstable ones of these contacts (`again`), and the
+    result of losses() with which the fewest are not stable."""
 
     rows: list[SimulatedContact]
     again: list[Contact]

@@ -75,7 +75,7 @@ def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
     """Returns one design for each value of the property `against`, from the search in `reduced`.
-    All other margins are those of `order`, the request for a design. Raises InputError."""
+    `order`, the request for a design, defines all other margins. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:

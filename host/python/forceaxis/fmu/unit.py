@@ -163,8 +163,8 @@ def _write(
 
 
 def _libraries(version: Version) -> dict[str, bytes]:
-    """Returns the libraries of a co-simulation unit by their paths below `binaries`: that of this
-    machine, and that of Windows if it was built from the same sources."""
+    """Returns the libraries of a co-simulation unit by their paths below `binaries`: the library
+    for this machine, and the library for Windows if it was built from the same sources."""
     machine = platform.machine()
     folder = LINUX_FOLDERS[version].get(machine, f"{machine}-linux")
     own = LIBRARY.read_bytes()

@@ -299,8 +299,8 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Returns three variances of a sample of a free vibration, and a flag. The variances are those
-    of white noise, of noise near the frequency of the vibration, and of rounding.
+    """Returns three variances of a sample of a free vibration, and a flag. The variances belong to
+    white noise, to noise near the frequency of the vibration, and to rounding.
 
     The flag is True if the second variance is clearly larger than the first.
 

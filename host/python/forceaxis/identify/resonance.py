@@ -256,7 +256,7 @@ def _match(
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
     """Returns the resonances of the model. The rows of `pairs` are (frequency in Hz, damping
-    ratio): first those of all peaks, and then those of all troughs that are not None."""
+    ratio): first for all peaks, and then for all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))

@@ -209,7 +209,7 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
 
 
 def figure(done: MeasurementResult[Summary]) -> Figure:
-    """Returns the plot of the measured response together with that of the linear model."""
+    """Returns a plot of the measured response and the response of the linear model."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)

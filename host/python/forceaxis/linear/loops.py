@@ -284,8 +284,8 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """Returns the name of the signal that is the time derivative of the force `signal`. The force
-    is that of a spring or contact."""
+    """Returns the name of the signal that is the time derivative of the force `signal`. It is the
+    force of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(

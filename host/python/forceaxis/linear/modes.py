@@ -351,8 +351,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """Returns {index of a mode of vibration: index of its pole}. The pole is the one that is most
-    similar to the mode in displacements and frequency."""
+    """Returns {index of a mode of vibration: index of its pole}. The displacements and the
+    frequency of this pole are most similar to the mode."""
     x = [system.states.index(f"{name}.position") for name in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)

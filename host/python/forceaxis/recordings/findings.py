@@ -133,8 +133,8 @@ def saturations(
 ) -> Iterator[SignalFinding]:
     """Yields a finding for each interval at the largest or smallest value, if the signal both
     enters and leaves it with a steep step. A converter at an end of its range causes such an
-    interval. The value with which the signal begins is that of a machine at rest, and a force of 0
-    is that without contact."""
+    interval. A signal begins with the value of a machine at rest. A force of 0 means that there is
+    no contact."""
     rests = [0.0] if name == "force" else []
     if np.all(values[:SATURATED_SAMPLES] == values[0]):
         rests.append(float(values[0]))
@@ -171,7 +171,7 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 def _median_length(lengths: NDArray[np.int64], count: int) -> float:
     """Returns the median, over `count` samples, of the length of the interval of equal values in
-    which a sample is. `lengths`: those of the intervals of two samples or more."""
+    which a sample is. `lengths`: lengths of the intervals of two samples or more."""
     known, times = np.unique(lengths, return_counts=True)
     ends = count - int(lengths.sum()) + np.cumsum(known * times)  # samples in intervals so long
     known, ends = np.append(1, known), np.append(count - int(lengths.sum()), ends)

@@ -75,8 +75,8 @@ class Heads:
 
 
 def heads_of(section: Section, before: Heads | None) -> Heads:
-    """Returns the heads of the columns of a section. `before`: those of the section above it, whose
-    names are also those of this section if it has none of its own."""
+    """Returns the heads of the columns of a section. `before`: the heads of the section above. This
+    section has the same names if it has none of its own."""
     lines = [_without_comment(section, line) for line in section.header]
     scope = {line.cells[0]: line for line in lines if line.cells and line.cells[0] in SCOPE_KEYS}
     if "Name" in scope or "SymbolName" in scope:
@@ -208,7 +208,7 @@ def _lines_of(
     section: Section, wide: Sequence[Line], width: int
 ) -> tuple[Line | None, Line | None]:
     """Returns (line of the names, line of the units) of the lines above the rows. If one of the
-    last lines names the times, it is that of the names."""
+    last lines names the times, this line has the names."""
     if not wide:
         return None, None
     above = wide[-HEAD_LINES:]
@@ -238,7 +238,7 @@ def _has_key(section: Section, line: Line) -> bool:
 def _keyed_heads(
     section: Section, keys: Mapping[str, tuple[Line, list[str]]], width: int
 ) -> Heads | None:
-    """Returns heads with names that stand behind a key, if the first column is that of the keys."""
+    """Returns heads with names that stand behind a key, if the keys are in the first column."""
     key = next((k for k in CHANNEL_NAMES if k in keys), None)
     if key is None or section.kinds[0] != EMPTY:
         return None

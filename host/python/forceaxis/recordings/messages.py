@@ -71,7 +71,7 @@ def read_messages(path: Path) -> Source:
 
 def _time_of(channel: str, columns: log_tables.Table, notes: list[str]) -> tuple[str, str | None]:
     """Returns (column with the times of a channel, its unit if its name does not state it). A time
-    that a message states is preferred to that at which it was recorded."""
+    that a message states is preferred to the time at which the message was recorded."""
     if LOG_TIME not in columns:
         known = (*TIME_NAMES, "utime_us", "received_wall_us")
         return next((name for name in known if name in columns), ""), None

@@ -100,7 +100,7 @@ def _heads(group: Sequence[Any], first: int, begins_s: dict[str, float]) -> list
 
 def _grid(channel: Any, begin_s: float) -> Grid | None:
     """Returns the times of a waveform, or None if a channel has none. `begin_s`: time of its start
-    after that of the first waveform of the file."""
+    after the start of the first waveform of the file."""
     properties = channel.properties
     step_s, offset_s = properties.get(STEP), properties.get(OFFSET, 0.0)
     is_time = str(properties.get(STEP_UNIT) or "s") == "s"

@@ -286,7 +286,7 @@ class Times:
         return factor
 
     def _expect_grid(self, place: int, time_s: Floats) -> None:
-        """Notes a step of the times that is another one than that which the source states."""
+        """Notes that the step of the times differs from the step that the source states."""
         grid = self._source.heads[place].grid
         known = time_s[:1000][np.isfinite(time_s[:1000])]
         if grid is None or grid.doubt or len(known) < 3:

@@ -222,7 +222,7 @@ def dampers() -> str:
 
 def limit_ratio(model: str, experiment: str, without: str) -> str:
     """Returns a text that states whether the critical gain with the workpiece of an experiment is
-    higher than that with a rigid workpiece."""
+    higher than the critical gain with a rigid workpiece."""
     ratio = critical_gain(model, **settings(experiment)) / critical_gain(without)
     return compared(ratio, "higher")
 

@@ -84,8 +84,8 @@ def fit_quality() -> str:
 
 
 def trough_ratio() -> float:
-    """Returns the frequency of the base's trough in the fitted model, divided by that of the base's
-    peak."""
+    """Returns the frequency of the base's trough in the fitted model, divided by the frequency of
+    the base's peak."""
     first = fitted().resonances[0]
     return (first.trough_hz or math.nan) / first.peak_hz
 
