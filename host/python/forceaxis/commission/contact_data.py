@@ -283,7 +283,7 @@ def _cut(recording: SignalRecording, begin_s: float, end_s: float) -> SignalReco
 def touch_downs(
     model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
 ) -> ContactData:
-    """Divides recordings into their touch-downs and returns these. `recordings`: pairs (name,
+    """Divides recordings into touch-downs and returns the touch-downs. `recordings`: pairs (name,
     recording). Each recording must begin out of contact. Of a recording without any of the signals
     COMMANDS, only the time around each first contact is used. Raises InputError."""
     commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]

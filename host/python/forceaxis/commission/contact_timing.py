@@ -34,7 +34,7 @@ def at_instants(recording: SignalRecording, facts: PlantFacts) -> tuple[SignalRe
     """Returns a recording whose samples of force and position have the times at which they were
     taken, and whose codes have the times at which the drive applies them. A sample that was
     recorded twice is kept once. Also returns the largest error in s of the times of the force.
-    Signals with a stated delay and those of the drive's own clock remain as they are."""
+    Signals with a stated delay and signals of the drive's own clock remain as they are."""
     found = {signal.name: signal for signal in recording}
     late_s = 0.0
     sampling = facts.reading.sampling if facts.reading else None

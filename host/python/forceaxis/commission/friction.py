@@ -48,9 +48,9 @@ ENOUGH_TRAVELS = 1.2
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
 SPEED_SAMPLES = 50  # number of the last samples from which the speed of a too fast motion follows
-# a smaller change of the position, in encoder counts, is not regarded as a motion
+# smallest change of the position, in encoder counts, that is regarded as a motion
 MOTION_MIN_CNT = 6
-DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone, in DAC codes, is not regarded as friction
+DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone, in DAC codes, that is regarded as friction
 # NOISE_SLIDES: amplitude of noise with which the axis mostly slides, divided by the dead zone.
 NOISE_SLIDES = 2.5
 
@@ -60,7 +60,7 @@ NOISE_SLIDES = 2.5
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # The travel that a Refusal recommends, divided by the travel that was needed.
 WIDER_FACTOR = 1.5
-# Above this relative force error, friction has stopped an axis without integral action.
+# Smallest relative force error after friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
 # The following constants belong to slow_loading(), which finds compliance and friction.
@@ -378,8 +378,8 @@ def _widens(analyzer: Analyzer, travel: float, room: int) -> bool:
 def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N: float) -> Glide:
     """Returns the result with the friction that the forces of the drive show. `newton`: force in N
     per DAC code. `resolution_N`: force of one ADC code of the current; a smaller friction is not
-    regarded as measured. The dead zone becomes the dead zone of the friction at `newton`, if the
-    latter is larger."""
+    regarded as measured. If the friction at `newton` has a larger dead zone, the result gets this
+    dead zone."""
     speeds, forces = (np.array(values) for values in zip(*((r.speed, r.force_N) for r in rows),
                                                          strict=True))  # fmt: skip
     table = np.column_stack([speeds, np.sign(speeds), np.ones(len(rows))])
@@ -656,8 +656,9 @@ Slow = TypeVar("Slow", _Loop, _Creep)
 
 
 def _simplest(found: Sequence[Slow]) -> Slow:
-    """Returns the result with a constant stiffness, or the one with a stiffness that depends on the
-    force, if this clearly reduces the error. `found`: these two results."""
+    """Returns the result with a constant stiffness. If a stiffness that depends on the force
+    clearly reduces the error, returns the result with this stiffness. `found`: these two
+    results."""
     straight, bent = found
     clear = bent.left < BENT_SHARE * straight.left and bent.bends[0] > BEND_MIN
     return bent if clear else straight

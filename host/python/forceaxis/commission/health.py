@@ -45,7 +45,7 @@ CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter t
 ITERATIONS = 12  # largest number of evaluations in a fit
 # Changes of a parameter from which a fit may begin.
 # The distances of these start values are smaller than the width of a resonance.
-# A resonance that has moved by more than its width would cause local optima between them.
+# With larger distances, a fit may end in a local optimum between two start values.
 STARTS_LOG = np.linspace(-CHANGE_MAX_LOG, CHANGE_MAX_LOG, 33)
 # MOVED_MAX: largest number of parameters that the result names as changed.
 # SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by the first decrease.
@@ -348,7 +348,7 @@ def _of_touch_downs(order: HealthOrder) -> _LinearChange:
     across = square[:size, size:]
     today = square[:size, :size] - across @ np.linalg.solve(square[size:, size:], across.T)
     off = point[:size] - centre
-    # At the mode, the slope of the prior is not 0.
+    # At the maximum of the posterior, the slope of the prior is not 0.
     # The maximum of the likelihood of today is elsewhere.
     pulled = today @ off + off / problem.spread[:size] ** 2
     joint = np.eye(size) + today @ log_covariance(read.table)

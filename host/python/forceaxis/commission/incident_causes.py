@@ -230,7 +230,7 @@ class Released:
                 for name, log in zip(self.names, logs, strict=True)}  # fmt: skip
 
     def causes(self) -> list[Cause]:
-        """Returns all possible causes to fit, except the one that the released machine has only
+        """Returns all possible causes to fit, except the cause that the released machine has only
         followed its command."""
         scales = contact_elements.Scales(self.problem, self.fit.point)
         expected = self.problem.predict(self.fit.point[None]).force

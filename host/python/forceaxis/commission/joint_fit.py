@@ -50,7 +50,7 @@ Response = NDArray[np.complex128]
 # SEARCH_RANGE: largest distance of a parameter that is searched.
 # FAR: distance of a parameter beyond which a second search begins at the prior.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
-# A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
+# Share of SEARCH_RANGE beyond which a parameter is regarded as at the end of the search.
 SEARCHED_SHARE = 0.95
 # Factor of the measured response that is used as the prediction for values that the model refuses.
 FORBIDDEN = 1e3
@@ -73,7 +73,7 @@ LIMITING_MODE_WIDTH_LOG = 0.15
 HALF_RATE_WIDTH = 0.02
 # Largest relative standard error of a response near the limiting mode.
 LIMITING_MODE_ERROR_MAX = 0.2
-# A damping is determined by the responses if the standard error of its logarithm is smaller.
+# Largest standard error of the logarithm of a damping that the responses determine.
 DAMPING_UNIT, DAMPING_ERROR_MAX = "N s/m", 0.1
 GIVEN_PERCENT = 10  # accuracy of a number that a text prints as a prior
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative

@@ -117,7 +117,7 @@ MS_MEASURING = 2.2
 LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
 SLOW_RATES_RAD_PER_S = (0.25, 1.0)
 MS_TOLERANCE = 0.3  # largest amount by which a measured Ms may exceed the predicted Ms
-# If a measured Ms exceeds the predicted Ms by a larger factor, the law is designed again.
+# If a measured Ms exceeds the predicted Ms by more than MS_TOLERANCE, the law is designed again.
 # New limit of Ms = old limit x predicted Ms / measured Ms x MS_AGAIN_MARGIN.
 # MS_AGAIN_MIN: smallest limit of Ms with which a law is designed again.
 MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15

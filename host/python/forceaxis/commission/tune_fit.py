@@ -96,7 +96,7 @@ DIFFERENCE_PROBABILITY = 1e-4
 # A number of the model that is wrong by at most this factor is corrected without a question.
 NUMBER_CHANGE_MAX = 1.6
 # Shortest relaxation time of a workpiece, in s, that the slow change of the force shows accurately.
-# A shorter relaxation time follows from the responses.
+# The responses show relaxation times of the workpiece below CREEP_MIN_S.
 CREEP_MIN_S = 0.15
 # Least compliance of a workpiece that relaxes, divided by that of the axis.
 RELAXING_COMPLIANCE_MIN = 0.05

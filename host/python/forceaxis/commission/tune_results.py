@@ -182,7 +182,7 @@ class FittedLoop(Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of the step `design`. It has the fields of a DesignResult and some more.
+    """Result of the step `design`. It has the fields of a DesignResult and additional fields.
 
     `on_fitted`: bandwidth and margins with the fitted plant, for the laws "before" and "designed";
     None if there is no such law. `objects`: values of objects in the order in which they are

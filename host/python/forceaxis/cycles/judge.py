@@ -262,9 +262,9 @@ def judge(
 def judge_parts(
     press: JudgePress, recording: SignalRecording, where: str, phase: str | None = None
 ) -> list[JudgedPart]:
-    """Evaluates the parts of a recorded curve. It has several ones if its phases begin again.
-    `where`: name of the recording in messages. `phase`: name of the phase of all samples if the
-    recording names no phases, or None for the phases of the program. Raises InputError,
+    """Evaluates the parts of a recorded curve. The curve has several parts if its phases begin
+    again. `where`: name of the recording in messages. `phase`: name of the phase of all samples if
+    the recording names no phases, or None for the phases of the program. Raises InputError,
     ParameterError."""
     times = curve_samples.times_of(recording, where)
     press.expect_scales(recording, where)

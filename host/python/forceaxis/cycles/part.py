@@ -189,8 +189,8 @@ def _figures(report: CycleReport, program: Program) -> list[ElementFigure]:
 
 
 def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
-    """Returns the numbers of the first and of the last tick of the last cycle. The last tick is the
-    one in which the cycle ends."""
+    """Returns the numbers of the first and of the last tick of the last cycle. In the last tick the
+    cycle ends."""
     running = np.flatnonzero(done.columns["cycle_state"] == RUNNING)
     if not running.size:
         return None

@@ -363,8 +363,8 @@ def next_crossing(loop: Loop) -> NextCrossing | None:
 # The root locus of a sampled loop starts at z = 0, whose logarithm is -infinity.
 @np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """Returns the open-loop pole in 1/s at which a branch of the root locus begins. The branch is
-    the one that reaches the stability boundary at the critical gain."""
+    """Returns the open-loop pole in 1/s at which a branch of the root locus begins. This branch
+    reaches the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError(
             "gain: expected a loop with a critical gain, got a loop that is stable at every gain; "

@@ -37,7 +37,7 @@ FIRST_GAIN_SHARE = 1 / 6
 # The gain never falls below RESERVE_LEAST times the first gain.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
 GAIN_MOST = 256.0  # largest gain of a new axis, in DAC codes per unit of the controlled signal
-STATIC_GAIN_MAX = 1e6  # a loop with a larger static gain has an integral
+STATIC_GAIN_MAX = 1e6  # static gain above which a loop has an integral
 # The first contact of contact.toml comes within this time in s. Otherwise the axis starts nearer.
 REACH_MAX_S = 20.0
 # Limit of the force error in contact.toml with an integral in the loop, a share of the set-point.

@@ -70,7 +70,7 @@ RESTARTS = (1, 2, 3)
 # The best result of all restarts of a search is used.
 # The ramp of the set-point excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
-# A pole with a larger damping ratio is stable without an exact analysis.
+# Damping ratio above which a pole is stable without an exact analysis.
 SURELY_STABLE = 1e-6
 # A loop is stable at the smallest gain of the firmware if its poles decay faster than this.
 SLOWEST_DECAY_PER_S = 1e-6
@@ -453,7 +453,7 @@ def is_stable_at_small_gain(loop: Loop) -> bool:
 def _integrates(poles: Response, doubtful: NDArray[np.bool_], response: Response) -> bool:
     """Returns True if the only doubtful pole of a plant is an integral that reduces the force
     error. At a small gain, this pole alone moves, by the gain times -w Im L at a frequency w far
-    below all other poles. The delay of the loop does not change this. `response`: that of the
+    below all other poles. The delay of the loop does not change this. `response`: response of the
     plant, which begins at LOWEST_HZ."""
     lowest = 2 * math.pi * LOWEST_HZ
     others = np.abs(poles[~doubtful])

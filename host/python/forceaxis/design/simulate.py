@@ -898,7 +898,7 @@ def _unsettled(
 
 def _expect_live(bench: ContactBench, tried: Bank, bank: Bank, contact: SimulatedContact) -> None:
     """Raises InputError if a contact fails because of the dead zone of a gain, or because friction
-    holds the axis: both are worse at each smaller gain. The other arguments are those of
+    holds the axis: both are worse at each smaller gain. The other arguments are the same as for
     _unsettled()."""
     if bench.is_dead(contact, tried) or bench.is_held(contact, tried):
         raise _unsettled(bench, tried, bank, contact)

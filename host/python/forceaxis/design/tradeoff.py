@@ -28,8 +28,8 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
     """The design for one value of the second property. Only one of the fields `ms`, `hf` and
-    `gain_margin` has a value: the one of the second property. All other fields are None if no gain
-    keeps the margins."""
+    `gain_margin` has a value: the field of the second property. All other fields are None if no
+    gain keeps the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None

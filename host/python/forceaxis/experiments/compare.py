@@ -344,9 +344,10 @@ def _grid(measured: _Measured, runs: Sequence[_Run], lasts_s: float) -> Floats:
 
 @dataclass(frozen=True)
 class _Signal:
-    """One signal at the times `grid` from the first contact: its measured values (n,), and those of
-    the runs (runs, n). `floor`: largest error of a value because of finite steps and samples.
-    `errors` (runs, n): an error of the model in each run, in units of its share; or None."""
+    """One signal at the times `grid` from the first contact: its measured values (n,), and its
+    values in the runs (runs, n). `floor`: largest error of a value because of finite steps and
+    samples. `errors` (runs, n): an error of the model in each run, in units of its share; or
+    None."""
 
     model: SignalModel
     grid: Floats

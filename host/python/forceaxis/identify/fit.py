@@ -26,7 +26,7 @@ WARNED_CORRELATION = 0.95  # smallest correlation of two parameter estimates tha
 WARNED_HALF_WIDTH = math.log(2)
 # Below this ratio of the singular values of the Jacobian, parameters are not distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
-# A smaller relative change of the response does not count as an effect of a parameter.
+# Smallest relative change of the response that counts as an effect of a parameter.
 LEAST_EFFECT = 1e-9
 # If the chi-square of a fit has a smaller probability, other start values are tried.
 # If the probability of the chi-square of a fit stays smaller, the fit is rejected.

@@ -28,7 +28,7 @@ START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 START_SHARE = 0.9
 # Smallest fraction of the variance of a recording that the fitted ring-down has to explain.
 LEAST_EXPLAINED = 0.5
-# A larger ratio of noise density near the vibration to density of white noise causes a warning.
+# Ratio of noise density near the vibration to density of white noise that causes a warning.
 WARNED_NOISE_RATIO = 4
 
 

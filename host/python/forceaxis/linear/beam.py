@@ -163,8 +163,8 @@ class Beam:
 
     def poles(self, count: int) -> Matrix:
         """Returns the poles of the transfer function from force to velocity in 1/s, in the shape (1
-        + 2 count,). The first pole is 0, that of the rigid body. A pair of poles for each of the
-        first `count` bending modes follows, in ascending order."""
+        + 2 count,). The first pole is 0 and belongs to the rigid body. A pair of poles for each of
+        the first `count` bending modes follows, in ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
@@ -297,8 +297,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class LumpedBeam:
-    """Lumped-parameter beam in bending. With one element, the model is that of Figure 2.24 of the
-    thesis.
+    """Lumped-parameter beam in bending. Figure 2.24 of the thesis shows the model with one element.
 
     The model has one mass that slides without turning, and masses that move and turn. A massless
     bending element joins each mass to the previous one. The tip is `tip_offset_m` beyond the centre

@@ -297,8 +297,8 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """Returns the velocity gain K_v in V s/m: that of the control law, or that of its filter
-    bank."""
+    """Returns the velocity gain K_v in V s/m: the velocity gain of the control law, or of its
+    filter bank."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S

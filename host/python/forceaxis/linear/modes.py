@@ -39,9 +39,9 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# A residue counts as 0 if it is smaller than this, relative to the sum of all residues.
+# Largest residue that counts as 0, divided by the sum of all residues.
 NO_RESIDUE = 1e-9
-# A mode is rigid if its frequency is below this ratio to the highest frequency of all modes.
+# Largest frequency of a rigid mode, divided by the highest frequency of all modes.
 # The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
 # Below this magnitude in rad/s, all poles count as equally similar to a mode at 0 Hz.

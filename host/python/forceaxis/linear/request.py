@@ -60,8 +60,8 @@ class LoopRequest:
         return self.firmware_law or own
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """Returns the specification of the force loop. Fields that the request sets replace those
-        of `own`, the settings of the experiment."""
+        """Returns the specification of the force loop. Fields that the request sets replace the
+        fields of `own`, the settings of the experiment."""
         firmware = self.law_of(own)
         law = self.law or firmware.law
         return LoopSpec(

@@ -169,7 +169,7 @@ class Section:
         return line + row - start
 
     def append(self, other: "Section") -> None:
-        """Appends the rows of a section that continues this one."""
+        """Appends the rows of a section that continues this section."""
         self.starts += [(self.rows + row, line) for row, line in other.starts]
         self.skipped += [*other.header, *other.skipped]
         self.blanks |= other.blanks

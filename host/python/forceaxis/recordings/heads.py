@@ -125,7 +125,7 @@ def _is_wide(line: Line, section: Section, width: int) -> bool:
         cells = cells[:-1]
     if len(cells) < max(section.core, 1):
         return False
-    # Columns without texts in this line must have none at its end, where a column may be missing.
+    # If this line is too short, the columns that it lacks at its end must not contain numbers.
     if len(cells) < width and any(kind == NUMBER for kind in section.kinds[len(cells) : width]):
         return False
     known = [cell for cell in cells[:width] if cell]

@@ -70,7 +70,7 @@ class Imported:
 
 
 def maps_of(text: str) -> list[str]:
-    """Returns the single maps in a text of several ones that are separated by commas. A column may
+    """Returns the single maps in a text of several maps that are separated by commas. A column may
     have commas in its name."""
     return [one.strip() for one in BETWEEN_MAPS.split(text) if one.strip()]
 
@@ -258,7 +258,8 @@ def _signal(
 
 
 def _on_clock(signal: RecordedSignal, others: Sequence[RecordedSignal]) -> RecordedSignal:
-    """Returns a signal with the times of another one that has the same, or with its own clock."""
+    """Returns a signal with the times of another signal that has the same times, or with its own
+    clock."""
     alike = next((o for o in others if np.array_equal(o.time_s, signal.time_s)), None)
     if alike is not None:
         return replace(signal, clock=alike.clock, time_s=alike.time_s)

@@ -234,7 +234,7 @@ def array_source(
     units: Mapping[str, str] | None = None,
 ) -> ArraySource:  # fmt: skip
     """Returns arrays in the memory as a source. `times`: {column: column with its times}. `units`:
-    {column: unit}; other units are those at the ends of the names."""
+    {column: unit}; other units are at the ends of the names."""
     places = {name: place for place, name in enumerate(table)}
     heads = [
         Head(

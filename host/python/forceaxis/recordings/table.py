@@ -446,7 +446,7 @@ def tables_in(path: Path, dialect: Dialect, where: str) -> list[TableSource]:
 
 
 def _continues(section: Section, found: heads.Heads, other: Section) -> bool:
-    """Returns True if the times of another section continue those of a section."""
+    """Returns True if the times of another section continue the times of a section."""
     place = heads.time_place_of(section, found.heads)
     if place is None:
         return False

@@ -345,7 +345,7 @@ class Times:
         news = np.flatnonzero(is_new)
         step_s = float(np.median(np.diff(time_s[news]))) if len(news) > 1 else 0.0
         hint = "export the times with more digits"
-        if len(news) > 2:  # the first and the last stamp may have fewer samples
+        if len(news) > 2:  # the first and the last time stamp may belong to fewer samples
             rate_hz = (news[-1] - news[1]) / (time_s[news[-1]] - time_s[news[1]])
             hint += f", or write `rate` {float(f'{rate_hz:.4g}'):g} for samples at a constant rate"
         first = int(np.flatnonzero(~is_new)[0])
@@ -399,8 +399,8 @@ def restarts(values: Floats) -> list[int]:
 
 
 def rate_of(time_s: Floats) -> float:
-    """Returns the rate of samples in Hz: that of equally spaced times through rounded ones, or the
-    median rate. Digits that are only rounding errors are removed."""
+    """Returns the rate of samples in Hz: the rate of equally spaced times through rounded times, or
+    the median rate. Digits that are only rounding errors are removed."""
     some = time_s[:RATED_SAMPLES]
     steps = np.diff(even_times(some))
     return float(f"{1 / np.median(steps):.9g}")

@@ -21,7 +21,7 @@ Numbers = NDArray[np.float64]
 
 STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
-# A pole with a larger damping ratio than this does not count as a resonance.
+# Largest damping ratio of a pole that counts as a resonance.
 LIGHT = 0.3
 # A pole counts as near a zero up to this distance, relative to the frequency of the pole.
 NEAR = 0.2
