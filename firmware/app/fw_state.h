@@ -142,7 +142,7 @@ typedef struct {
   /* number (cycle_count) of the last cycle to which a serial number was assigned */
   uint32_t starts;
   uint32_t serial[CYCLE_SERIAL_WORDS]; /* serial number of the part in the running cycle */
-  /* 1 if the counts of pressed parts differ from those in the parameter store */
+  /* 1 if the counts of pressed parts differ from the counts in the parameter store */
   uint8_t changed;
   uint8_t urgent;       /* 1 if the counts of pressed parts must be stored at once */
   uint8_t has_power_up; /* 1 if the number of this power-up is stored */

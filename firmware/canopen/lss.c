@@ -25,7 +25,7 @@ enum {
   IDENTIFIED = 0x4F,
   IDENTIFIED_NON_CONFIGURED = 0x50,
   FAST_SCAN = 0x51,
-  /* command that reads the first field of the LSS address; the order of the fields is that of
+  /* command that reads the first field of the LSS address; the fields have the order of
    * SELECT_FIRST */
   INQUIRE_FIRST = 0x5A,
   INQUIRE_LAST = 0x5D,

@@ -344,7 +344,7 @@ static void interrupt(cia402_t *drive) {
   cycle_mode_interrupt(drive);
 }
 
-/* Reacts to those of the bits 4 to 8 of the controlword that the active mode of operation uses. */
+/* Reacts to bits 4 to 8 of the controlword, as far as the active mode of operation uses them. */
 static void command_mode(cia402_t *drive, const axis_t *axis, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & AXIS_CONTROLWORD_START) != 0;

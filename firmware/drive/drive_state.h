@@ -92,7 +92,7 @@ typedef struct {
 
 typedef struct cia402_mode cia402_mode_t; /* one row of the table of modes of operation (modes.h) */
 
-/* State of the drive. A copy of this structure is a copy of the drive. The signals are those of the
+/* State of the drive. A copy of this structure is a copy of the drive. The signals belong to the
  * latest tick. In every second tick the drive computes the forces, current_actual, velocity_sensor
  * and drive_inputs. In the other ticks the drive computes velocity_actual, and checks whether the
  * target is reached and whether the axis is at standstill. */

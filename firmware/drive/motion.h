@@ -135,7 +135,7 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
 }
 
 /* Distance from a position to a target position. The start position is a given Q32 position, or the
- * position of the trajectory. The direction is that of the shorter way modulo 2^32. If positions
+ * position of the trajectory. The direction is the shorter way modulo 2^32. If positions
  * are limited, it is the direction that does not cross a limit. */
 typedef struct {
   uint64_t magnitude_q16;

@@ -121,7 +121,7 @@ typedef struct {
   uint32_t abort_code;
   /* SDO abort code with which the last download was refused; 0: it was not refused */
   uint32_t refused;
-  /* bit n is 1: the value of entry n of the configuration is compared with that of the drive,
+  /* bit n is 1: the value of entry n of the configuration is compared with the drive's value,
    * but not written */
   uint32_t read_only;
   /* bit n is 1: entry n of the configuration is written to the drive, but its value is not

@@ -3,7 +3,7 @@
 enum { ADC_CODES = 65536 };
 
 uint16_t load_cell_code(int64_t value, uint8_t shift, bool is_signed) {
-  /* The result is rounded down for negative integers too, like that of an arithmetic shift. */
+  /* The result is rounded down for negative integers too, as in an arithmetic shift. */
   const int64_t step = (int64_t)1 << shift;
   int64_t code = (value >= 0) ? value / step : -((-value + step - 1) / step);
   code += is_signed ? ADC_CODES / 2 : 0;

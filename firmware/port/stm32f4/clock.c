@@ -86,7 +86,7 @@ bool clock_start(void) {
     return false;
   }
   if (is_external) {
-    /* If the external clock stops after this, an NMI occurs. Then the outputs are switched off, and
+    /* If the external clock stops later, an NMI occurs. Then the outputs are switched off, and
      * the chip is reset and starts with the internal oscillator. */
     RCC->CR |= RCC_CR_CSSON;
   }

@@ -1,5 +1,5 @@
-/* The regions of the flash that the program may change: those of the parameters, of the incidents
- * and of the slots for images. */
+/* The regions of the flash that the program may change: for the parameters, for the incidents
+ * and for the slots for images. */
 
 #include <stddef.h>
 

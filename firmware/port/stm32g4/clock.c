@@ -106,7 +106,7 @@ bool clock_start(void) {
     return false;
   }
   if (is_external) {
-    /* If the crystal stops after this, an NMI occurs. Then the outputs are switched off, and the
+    /* If the crystal stops later, an NMI occurs. Then the outputs are switched off, and the
      * chip is reset and starts with the internal oscillator. */
     RCC->CR |= RCC_CR_CSSON;
   }
