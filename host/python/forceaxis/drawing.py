@@ -132,8 +132,8 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """Returns the name under which a plot shows a model file. It is the name of the file, or that
-    of its folder if the file is called "model"."""
+    """Returns the name under which a plot shows a model file. This is the name of the file, or the
+    name of its folder if the file is called "model"."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 

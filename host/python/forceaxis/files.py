@@ -36,8 +36,9 @@ DAMAGE = (
     *(ValueError, LookupError, EOFError, ArithmeticError, RuntimeError, MemoryError),
     *(struct.error, zlib.error, lzma.LZMAError, zipfile.BadZipFile, csv.Error),
 )
-UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in one file, or
-UNPACKED_MOST_TIMES = 16  # so many times the size of the file itself
+UNPACKED_MOST_BYTES = 1 << 30  # largest total size in bytes of all arrays in a file
+# for a large file: largest total size of all arrays, divided by the size of the file
+UNPACKED_MOST_TIMES = 16
 INTEGER_MOST = 1 << 64  # largest magnitude of an integer in JSON, plus 1
 # largest number of characters of another package's error text that a message shows
 TEXT_MOST = 200
@@ -172,7 +173,7 @@ def read_arrays(
 
 def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
     """Returns an array of an NPZ file. Raises an exception whose type is in DAMAGE if the size of
-    the array differs from that in its header."""
+    the array differs from the size in its header."""
     data = io.BytesIO(archive.read(name))
     head = np.lib.format
     version = head.read_magic(data)

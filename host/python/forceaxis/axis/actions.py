@@ -501,7 +501,7 @@ def _distance(axis: Drive, distance: float | str) -> float:
 
 def retract(axis: Drive, distance: float | str, speed: float | str | None = None) -> AxisStatus:
     """Moves the axis away from a contact by a distance, and then disables the axis. Returns the
-    last state of the axis before it was disabled. Arguments and errors are those of
+    last state of the axis before it was disabled. Arguments and errors are the same as for
     Axis.retract()."""
     expect_position_gain(axis)
     way = _distance(axis, distance)

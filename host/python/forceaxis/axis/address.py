@@ -232,7 +232,7 @@ def shared(address: Address) -> tuple[object, ...]:
 
 
 def bit_rate(address: SerialAddress) -> int:
-    """Returns the bit rate of a serial line in bit/s, by default that of the firmware."""
+    """Returns the bit rate of a serial line in bit/s, by default the bit rate of the firmware."""
     from forceaxis.axis.modbus import BAUD_RATE
 
     return address.bit_rate or BAUD_RATE

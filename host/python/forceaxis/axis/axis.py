@@ -194,8 +194,8 @@ class Axis(Drive):
         return actions.retract(self, distance, speed)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> None:
-        """Starts a recording of signals and does not wait for its end. The arguments are those of
-        capture()."""
+        """Starts a recording of signals and does not wait for its end. The arguments are the same
+        as for capture()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:

@@ -97,8 +97,8 @@ def read(axis: Drive) -> dict[str, int]:
 
 
 def expect_table(axis: Drive) -> None:
-    """Raises Refused if the object table of the axis differs from that of this program, because the
-    same name may have another meaning there."""
+    """Raises Refused if the object table of the axis differs from the object table of this program,
+    because the same name may have another meaning there."""
     theirs = f"0x{axis.link.read_one('object_table_hash'):08x}"
     ours = parameter_file.table_hash()
     if theirs != ours:

@@ -126,7 +126,8 @@ class Session(AxisClient):
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
-        """Enables the axis in a mode of operation. The arguments are those of Axis.enable()."""
+        """Enables the axis in a mode of operation. The arguments are the same as for
+        Axis.enable()."""
         self._drive.enable(mode, **parameters)
 
     def disable(self) -> None:
@@ -180,8 +181,8 @@ class Session(AxisClient):
 
 
 def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
-    """Returns those of the received states that contain the time of the firmware. Also returns the
-    time of each of these states in s, counted from the first of them."""
+    """Returns all received states that contain the time of the firmware. Also returns the time of
+    each of these states in s, counted from the first of them."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

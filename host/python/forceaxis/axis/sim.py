@@ -89,7 +89,7 @@ class SimLink(RecorderLink):
         return found
 
     def _parameters(self, names: Iterable[str]) -> dict[str, float]:
-        """Returns the engineering values of those of these objects that the axis can store."""
+        """Returns the engineering values of `names`, without objects that the axis cannot store."""
         stored = [BY_NAME[name] for name in names if BY_NAME[name].stored]
         raw = self.read([o.name for o in stored])
         return {o.name: engineering(o, raw[o.name]) for o in stored}

@@ -91,7 +91,7 @@ def update(
 ) -> UpdateResult:
     """Updates the firmware of one axis. `connect`: function that returns a new connection to the
     axis. `records`: the firmware images for both slots. `new_table`: True permits an image whose
-    object table differs from that of the axis.
+    object table differs from the object table of the axis.
 
     Raises InputError if the axis may not be updated now or if the update is not for this axis. In
     this case, nothing was erased. Raises Refused or UpdateFailedError if the update fails. The axis

@@ -41,7 +41,7 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject, state_needed
 from forceaxis.words import number, suggestion
 
-# A command without an answer is sent this many times within its time-out.
+# Number of times that a command without an answer is sent within its time-out.
 # If a network loses half of all datagrams, only one of 100,000 commands stays without an answer.
 COMMAND_TRIES = 40
 # If no block of a capture arrives for this time in s, the client asks the gateway for samples.

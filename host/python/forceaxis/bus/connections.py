@@ -97,7 +97,7 @@ class Bounds:
     def _with(self, descriptor: int, inode: int, look: Callable[[socket.socket], T]) -> T | None:
         """Calls look(connection) for the connection of a file descriptor and returns the result.
         Returns None if the descriptor is not a connection to the port. Also returns None if the
-        descriptor meanwhile belongs to another connection than that with the number `inode`."""
+        descriptor no longer belongs to the connection with the number `inode`."""
         viewed = None
         try:
             os.dup2(descriptor, self._view, inheritable=False)

@@ -61,7 +61,7 @@ class Columns:
     def add(self, row: Row) -> None:
         for name, value in row.items():
             # A column without values is also created.
-            # All tables of one message type then have the same columns.
+            # If this is done, all tables of one message type have the same columns.
             if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue

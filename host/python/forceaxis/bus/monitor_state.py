@@ -42,7 +42,7 @@ COMMAND_KINDS = {
 VOLT_PER_CODE = 20 / 4096  # output voltage in V of one DAC code
 T = TypeVar("T")
 # {code of a unit in CiA 303-2: (displayed unit, number of displayed units in one such unit)}.
-# The three codes of CiA 303-2 are those of metre, radian and degree.
+# CiA 303-2 defines these three codes for the units metre, radian and degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
 # text before the number of repetitions of an event in the list of events
 REPETITION_MARK = " x"

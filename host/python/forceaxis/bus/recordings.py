@@ -69,7 +69,8 @@ def writer_of(path: Path, stream: BinaryIO | None = None) -> RecordingWriter:
 
 
 def expect_suffix(path: Path, parameter: str) -> None:
-    """Raises ParameterError if the suffix of `path` is not that of a recording (.log or .mcap)."""
+    """Raises ParameterError if the suffix of `path` is not .log or .mcap, the suffixes of
+    recordings."""
     if path.suffix not in (LOG, MCAP):
         raise ParameterError(parameter, f"{path}: expected a file ending in {MCAP} or {LOG}")
 

@@ -51,8 +51,8 @@ def condition(statusword: int, fault: str) -> str:
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
-    """Returns the names of those of the bits 7 and 10 to 14 of a statusword that are 1. The meaning
-    of some bits depends on the mode of operation."""
+    """Returns names of bits of a statusword: of all bits among 7 and 10 to 14 that are 1. The
+    meaning of some bits depends on the mode of operation."""
     bits = bits_in("statusword", statusword, mode)
     return [bit.text for bit in bits if bit.bit == 7 or bit.bit >= 10]
 

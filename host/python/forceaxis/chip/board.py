@@ -225,7 +225,7 @@ def _read_value(where: str, value: "TomlValue", kind: "Kind") -> "Field":
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of a
     different type."""
     # An optional table or list has a type such as `Table | None`.
-    # If the file contains it, the first type of the union applies.
+    # If the file contains this table or list, the first type of the union applies.
     if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):

@@ -17,7 +17,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import json_field
 
 OPENOCD_TIMEOUT_S = 120
-# Pairs of a regular expression for the output of openocd and a message for the user.
+# (regular expression that an output of openocd matches, message for the user)
 # The first expression that matches the output selects the message.
 FAILURES = (
     (

@@ -59,7 +59,7 @@ def record(address: int, image: bytes, table: int, board: str, version: str) -> 
 
 def trailer(image: bytes) -> bytes:
     """Returns the trailer for an image that a debug probe writes to the flash memory. The trailer
-    marks the image as confirmed, and gives it the sequence number 1, that of the first image of a
+    marks the image as confirmed, and gives it the sequence number 1, as for the first image of a
     chip."""
     words = [TRAILER_MAGIC, len(image), zlib.crc32(image), 1, 0]
     return TRAILER.pack(*words, *[BLANK] * (16 - len(words)))

@@ -196,7 +196,7 @@ def answers_command(connection: AxisConnection) -> bool:
 
     rate = rate_of(connection)
     timeout_s = FIRST_ANSWER_S + (REQUEST_BITS / rate if rate else 0.0)
-    # Errors are those of this axis alone, and are reported when the axis is commanded again.
+    # The errors concern this axis alone. They are reported when the axis is commanded again.
     with contextlib.suppress(Exception), contextlib.closing(connection.link(timeout_s)) as link:
         link.write({"controlword": QUICK_STOP})
         return True

@@ -194,7 +194,7 @@ def command_line() -> None:
     standard error and exit with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:
-            text.encode()  # raises UnicodeError if an argument is not valid UTF-8
+            text.encode()  # this call raises UnicodeError if an argument is not valid UTF-8
         _run()
     except click.exceptions.Abort:
         fail("interrupted", status=130)

@@ -150,7 +150,7 @@ def describe_step(result: StepResult) -> str:
         ("rise", response.rise_s, "s"),
         ("settle", response.settle_s, "s"),
     ):
-        # What rounding leaves of a response without overshoot is none.
+        # An overshoot that is only a rounding error is shown as 0.
         lines.append(f"{name:12} {late if value is None else f'{round(value, 9):.4g} {unit}'}")
     return "\n".join(lines)
 

@@ -64,12 +64,12 @@ MOVE_S, MOVE_FACTOR = 20.0, 2.0
 RESTING_S, REST_S = 0.5, 10.0
 RELEASE_S = 1.0  # time in s in which the axis releases the force
 # KEPT_S: time in s for which an axis has to stay in contact, so that the contact is not lost.
-# KEPT_TRIES: largest number of such times for which the program waits.
+# KEPT_TRIES: largest number of times KEPT_S for which the program waits.
 KEPT_S, KEPT_TRIES = 1.0, 10
-# The force of a moving axis approaches the set-point if their distance decreases by this factor.
+# A moving axis approaches the force set-point if |force - set-point| decreases by this factor.
 APPROACHES_SHARE = 0.9
-# At a standstill, the force still approaches the set-point if their distance decreases enough.
-# NEARER_SHARE: smallest relative decrease of the distance within the time NEARER_S in s.
+# At a standstill, the axis still approaches the set-point if |force - set-point| decreases enough.
+# NEARER_SHARE: smallest relative decrease of |force - set-point| within the time NEARER_S in s.
 NEARER_SHARE, NEARER_S = 0.02, 3.0
 WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 # largest number of values of the object target_force that are tried to reach one bias force
@@ -94,9 +94,9 @@ FREE_SETTLE_SHARE = 0.3  # settling time out of contact, divided by the settling
 # Settling time while the amplitude is searched, divided by the settling time in the measurement.
 SEARCH_SETTLE_SHARE = 0.5
 # UNSETTLED_READINGS: number of last readings that a text about an unsettled force describes.
-# UNSETTLED_SHARE: range of these readings, divided by the set-point, from which the force swings.
+# UNSETTLED_SHARE: least range of the last readings of a swinging force, divided by the set-point.
 UNSETTLED_READINGS, UNSETTLED_SHARE = 10, 0.05
-# Averaging may end when the median of the relative error over the frequencies is below this value.
+# ERROR_ENOUGH: median of the relative errors over the frequencies, below which averaging may end.
 ERROR_ENOUGH = 0.04
 WINDOW_SHARE = 0.1  # permitted error of a position, divided by the permitted travel
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
@@ -713,7 +713,8 @@ class Analyzer:
 
     @property
     def force_max_N(self) -> float:
-        """Largest force in N: that of the order, or `force_max` of the axis if this is less."""
+        """Largest force in N: the smaller one of the force of the order and `force_max` of the
+        axis."""
         own = self.objects.force_max * self.newton
         return min(self.order.force_max_N, own or math.inf)
 

@@ -1,6 +1,6 @@
 """Brings a board into operation without a motor. Each step asks a person for an action at the
-board, reads objects of the axis, and checks their values. The steps are those of the README.md of
-the board, in firmware/port/stm32f4 and firmware/port/stm32g4.
+board, reads objects of the axis, and checks their values. The README.md of the board describes
+these steps, in firmware/port/stm32f4 and firmware/port/stm32g4.
 
     protocol = bring_up(axis, Person(), BringupRequest())
     protocol.passed                     # True if every step passed
@@ -39,7 +39,7 @@ RATE_TOLERANCE = 0.01
 RATE_TIME_S = 4.0
 # largest relative difference between the tick length and the second clock of the board
 DEVIATION_MAX = 0.06
-SETTLE_S = 2.0  # within this time a board has compared its clocks and joined a CAN bus
+SETTLE_S = 2.0  # longest time in s until a board has compared its clocks and joined a CAN bus
 SUPPLY_V, FULL_CODES = 3.3, 4096
 READINGS = 20
 # The voltage that the ADC measures may differ from the voltmeter by 2 % of the voltage plus 20 mV.
@@ -504,7 +504,7 @@ def check_can_off(bench: Bench) -> BringupStep:
     state = can_state(bench, "active")
     if state != "active":
         return failed(f"expected a controller that is back, got {state}: check the other node")
-    # A connection over CAN, such as that of a gateway, has lost the axis together with the bus.
+    # A connection over CAN, for example of a gateway, has lost the axis together with the bus.
     link = bench.axis.link
     if bench.axis.get("command_source")["command_source"] != COMMAND_SOURCES[link.source]:
         link.acquire()

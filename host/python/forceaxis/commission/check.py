@@ -30,7 +30,7 @@ FIRST_MOTION_REACH = 8
 # Default values of the move out and back: travel in encoder counts, and largest DAC code.
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
 # Smallest distance of the first motion test, divided by the travel while the drive takes a weight.
-# It is the travel in which a drive with an integral takes over the weight from the brake.
+# In this travel, a drive with an integral takes over the weight from the brake.
 SAG_FACTOR = 2.0
 # steps in which the axis moves
 MOVING_STEPS = ("first motion", "move", "weight")
@@ -40,10 +40,10 @@ MOVING_STEPS = ("first motion", "move", "weight")
 HOLD_S, AT_REST_S, SAME_CODES = 1.5, 0.5, 2.0
 # time in s in which the position law brings the axis to rest after the first motion test
 AFTER_FIRST_MOTION_S = 0.5
-# WEIGHT_TOLERANCE: largest relative difference between the measured weight and that of the model.
+# WEIGHT_TOLERANCE: largest relative difference between measured weight and weight of the model.
 # HELD_TOLERANCE: largest relative difference of the output at standstill from output_bias.
 # If HELD_TOLERANCE is exceeded, the sign of output_bias or the size of the weight is wrong.
-# With a wrong sign of output_bias, this difference is twice the output_bias.
+# If output_bias has the wrong sign, the difference at standstill is twice the output_bias.
 # A motor constant a third too low and a weight a tenth too high give a difference of 0.65.
 WEIGHT_TOLERANCE, HELD_TOLERANCE = 0.1, 0.7
 # Duration of each move in ticks, and largest speed of a move in encoder counts per tick.
@@ -53,9 +53,9 @@ SETTLE_S = 1.3  # time in s from the end of a move to the read of the position e
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 # Dry friction explains position errors of opposite signs at both ends of a move.
-# This is the largest sum of the two errors, divided by the larger error.
+# FRICTION_UNLIKE: largest sum of the errors at both ends, divided by the larger one of them.
 FRICTION_UNLIKE = 0.3
-CREEP_CNT = 2  # an axis at rest moves by at most so many counts while its output is read
+CREEP_CNT = 2  # largest motion of an axis at rest, in encoder counts, while its output is read
 RESTORE_TRIES = 4
 ENABLE_CHAIN = mask("digital_inputs", "enable")
 LIMIT_POS, LIMIT_NEG = (mask("digital_inputs", f"limit_{way}") for way in ("positive", "negative"))
@@ -262,7 +262,7 @@ class MotionCheck:
             return
         self.known = self.axis.record(CheckedObjects)
         if self.weight:
-            # The output is up to half of its step beside the weight.
+            # The output that holds the weight has a rounding error of up to half a step.
             rounding = 2.0 ** (12 - self.known.dac_bits) / 2
             drift = rounding * self.weight.drift_counts if self._weighs else 0.0
             sag = math.ceil(SAG_FACTOR * (self.weight.sag_counts + drift))
@@ -607,8 +607,8 @@ class MotionCheck:
 
     def _hold(self) -> bool:
         """Lets the position law hold the axis, because the value of output_bias may be wrong. The
-        output at standstill becomes output_bias. The bounds are those of the first motion
-        test: with a reversed encoder the axis has a fault. Returns True if the axis was held."""
+        output at standstill becomes output_bias. The first motion test has the same bounds: with a
+        reversed encoder the axis has a fault. Returns True if the axis was held."""
         used, codes = self.bias, 0.0
         if not (error := self._enabled()):
             try:
@@ -640,7 +640,8 @@ class MotionCheck:
         end points, and the weight."""
         moved = self._out_and_back()
         if moved and self.bias and abs(moved.error) > ARRIVED_CNT:
-            # The position law holds what output_bias lacks of a weight by a position error.
+            # The position law holds the part of the weight that output_bias does not hold.
+            # This part causes a position error.
             # With the measured output as output_bias, the axis has to reach its target.
             self._change_bias(self._rounded(moved.code))
             if error := self._enabled():

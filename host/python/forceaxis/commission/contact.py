@@ -79,7 +79,8 @@ class FittedAxis:
 
     @property
     def _approach(self) -> Settings:
-        """Returns the approach speed of the design, which may be slower than that of check()."""
+        """Returns the approach speed of the design, which may be slower than the approach speed of
+        check()."""
         name = "approach_velocity_max"
         return {name: self.designed.objects[name]} if name in self.designed.objects else {}
 
@@ -98,8 +99,8 @@ class FittedAxis:
 
 def firmware_of(tuning: TuningFolder, checked: Checked, values: Values | None) -> Settings:
     """Returns the settings of the firmware for a simulation of the axis with the fitted `values`,
-    as {object: engineering value}. The weight of the simulated axis is held as the axis holds its
-    own: the measured `output_bias` holds a weight that differs from that of the fit."""
+    as {object: engineering value}. The simulated axis holds its weight as the real axis does: the
+    measured `output_bias` holds a weight that differs from the fitted weight."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force", "output_bias")  # fmt: skip
     held |= checked.settings

@@ -211,7 +211,7 @@ def grid_of(values: Floats) -> float:
             rest = min(rest, abs(step - rest))
     if step < 100 * GRID_ERROR * span:
         return 0.0
-    # Computed from the whole range, the step has a smaller relative rounding error.
+    # The step is computed from the whole range, because this reduces its relative rounding error.
     step = span / round(span / step)
     off = (different - different[0]) / step
     return step if np.all(np.abs(off - np.round(off)) < GRID_TOLERANCE) else 0.0
@@ -283,7 +283,7 @@ def _cut(recording: SignalRecording, begin_s: float, end_s: float) -> SignalReco
 def touch_downs(
     model: str, recordings: Sequence[tuple[str, SignalRecording]], held: Overrides
 ) -> ContactData:
-    """Divides recordings into their touch-downs and returns these. `recordings`: pairs (name,
+    """Divides recordings into touch-downs and returns the touch-downs. `recordings`: pairs (name,
     recording). Each recording must begin out of contact. Of a recording without any of the signals
     COMMANDS, only the time around each first contact is used. Raises InputError."""
     commanded = [any(c in recording for c in COMMANDS) for _, recording in recordings]

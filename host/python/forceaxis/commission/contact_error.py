@@ -40,17 +40,19 @@ SWEEPS = 3
 # largest number of searches for the most likely plant, each with the errors of the search before
 ROUNDS = 6
 SAME = 0.1  # largest difference of two logarithms of an error's size that count as equal
-# An error has no effect if its largest variance, divided by that of the noise, is below this.
+# Below this ratio of its largest variance to the variance of the noise, an error has no effect.
 VISIBLE = 0.03
 # Share and correlation time in s of the errors with which a search from the prior begins.
 START_SHARE, START_S = 0.01, 0.03
-# If an exact model is rejected, the errors of force and position have at least this size.
-# FLOOR: smallest share of such an error. FLOOR_S: its smallest correlation time in s.
+# If an exact model is rejected, the errors of force and position have at least the size FLOOR.
+# FLOOR: smallest size of an error, as a share. FLOOR_S: smallest correlation time of an error in s.
 # A model that is wrong in one place is exact nowhere, although parameters may hide it.
 FLOOR, FLOOR_S = 0.0025, 0.1
 STARTS = 4  # number of start points of the search with errors of START_SHARE
-INVISIBLE = 1e-4  # variance of an error below which it is left out, divided by that of the noise
-RESPONSE_SHARE = 1e-3  # change of the command for its numerical derivatives, as a share
+# variance of an error below which the error is left out, divided by the variance of the noise
+INVISIBLE = 1e-4
+# relative change of the command from which numerical derivatives are computed
+RESPONSE_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class _Evidence:
         return chosen, [model_error.root_of(touch.knots, error) for error in errors.values()]
 
     def largest(self, kind: str, error: ModelError) -> float:
-        """Returns the largest variance of an error, divided by that of the noise."""
+        """Returns the largest variance of an error, divided by the variance of the noise."""
         return max(
             float(np.max(np.sum((t.hats[kind] @ model_error.root_of(t.knots, error)) ** 2, axis=1)))
             for t in self.touches
@@ -204,9 +206,9 @@ class _Evidence:
 def with_drive(
     problem: ContactProblem, best: Floats, cost: float, seed: int
 ) -> tuple[ContactProblem, Floats, float]:
-    """Searches the most likely plant whose drive is not exactly that of the data sheet. Returns the
-    problem in which also those numbers of the drive are fitted that are parameters of the model and
-    that have no given value, its most likely plant, and the cost. `best`, `cost`: those of the
+    """Searches the most likely plant whose drive differs from the drive of the data sheet. Returns
+    the problem in which also those numbers of the drive are fitted that are parameters of the model
+    and that have no given value, its most likely plant, and the cost. `best`, `cost`: those of the
     exact drive, which are returned if there is no such number."""
     sheet = known.priors(problem.model, overrides=problem.held)
     drive = known.drive_parameters(problem.model)

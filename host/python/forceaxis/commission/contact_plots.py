@@ -1,5 +1,6 @@
 """Plots of parameters that were identified from touch-downs. One plot shows the posterior for each
-pair of parameters. The other plot compares the measured touch-downs with those of the model."""
+pair of parameters. The other plot compares the measured touch-downs with the touch-downs of the
+model."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -131,7 +131,7 @@ class _Chain:
         )
         self.state = emcee.State(drawn.draw(self.walkers, self._random()))
         size = problem.size
-        # dimensions: steps, walkers, elements
+        # dimensions of the array: steps, walkers, elements
         self.points: Floats = np.zeros((0, self.walkers, size))
         self.logs: Floats = np.zeros((0, self.walkers))
         self.accepted = 0.0  # sum over all stored blocks of the fraction of accepted moves

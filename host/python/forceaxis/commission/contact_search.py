@@ -11,7 +11,8 @@ from forceaxis.commission.contact_likelihood import ContactProblem
 # steps for numerical derivatives, of the logarithm of a parameter and of an unknown
 STEP_LOG, STEP_UNKNOWN = 1e-4, 1e-3
 STARTS = 6  # number of start points that are drawn from the prior, in addition to its centre
-START_SHARE = 0.7  # standard deviation of the random start points, divided by that of the prior
+# standard deviation of the random start points, divided by the standard deviation of the prior
+START_SHARE = 0.7
 # STRETCHES_S: times in s after the onset that are fitted one after another.
 # ITERATIONS: largest number of iterations for each time of STRETCHES_S.
 # LAST_ITERATIONS: largest number of iterations for the complete touch-downs.

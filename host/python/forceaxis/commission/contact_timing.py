@@ -21,11 +21,11 @@ from forceaxis.recordings.signal_recording import RecordedSignal, SignalRecordin
 PHASES = 96  # number of phases of a sensor's clock that are tried
 # Largest share of changed values that may contradict the phase of a clock.
 CONFLICTS = 0.05
-# A recording whose period is within OWN_CLOCK of that of the sensor has the sensor's own times,
-# unless it was made at the ticks of the axis.
+# A recording has the sensor's own times if the periods of recording and sensor nearly agree.
+# OWN_CLOCK is the tolerance. A recording that was made at the ticks of the axis is an exception.
 OWN_CLOCK = 0.01
 SAME_S = 1e-6  # tolerance for equal instants in s
-QUADRATURE = 200  # values of the filter's weight in one time step
+QUADRATURE = 200  # number of values of the filter's weight in one time step
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def at_instants(recording: SignalRecording, facts: PlantFacts) -> tuple[SignalRe
     """Returns a recording whose samples of force and position have the times at which they were
     taken, and whose codes have the times at which the drive applies them. A sample that was
     recorded twice is kept once. Also returns the largest error in s of the times of the force.
-    Signals with a stated delay and those of the drive's own clock remain as they are."""
+    Signals with a stated delay and signals of the drive's own clock remain as they are."""
     found = {signal.name: signal for signal in recording}
     late_s = 0.0
     sampling = facts.reading.sampling if facts.reading else None

@@ -132,8 +132,8 @@ class AxisFitSummary(fit_response.FitSummary):
 
 @dataclass(frozen=True)
 class DamperFit:
-    """A fit in which dampers replace friction elements, and the Measurement with the model that
-    contains these dampers. `newtons` is {name of a friction: force in N, or None if the force is
+    """A fit in which dampers replace friction elements, and the Measurement whose model contains
+    these dampers. `newtons` is {name of a friction: force in N, or None if the force is
     unknown}."""
 
     found: fit_response.ParameterFit

@@ -41,17 +41,17 @@ SMALLER_CODE_SHARE = 0.6
 MOTIONS = 4  # number of motions from which friction and viscous damping are distinguished
 # if the DAC code of the faster motion is not above this value, there is no slower motion
 SMALLEST_CODE = 2
-# A DAC code is large enough if the axis would move by this many times the travel in one recording.
+# A DAC code suffices if it would move the axis by ENOUGH_TRAVELS x the travel in one recording.
 ENOUGH_TRAVELS = 1.2
 # POSITION_POLL_S: time in s between two reads of the position.
-# TRAVELS_MAX: a motion ends after this many times the travel.
+# TRAVELS_MAX: distance after which a motion ends, divided by the travel.
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
 SPEED_SAMPLES = 50  # number of the last samples from which the speed of a too fast motion follows
-# a smaller change of the position, in encoder counts, is not regarded as a motion
+# smallest change of the position, in encoder counts, that is regarded as a motion
 MOTION_MIN_CNT = 6
-DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone, in DAC codes, is not regarded as friction
-# With a noise of this many times the dead zone as its amplitude, the axis slides most of the time.
+DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone, in DAC codes, that is regarded as friction
+# NOISE_SLIDES: amplitude of noise with which the axis mostly slides, divided by the dead zone.
 NOISE_SLIDES = 2.5
 
 # The following constants belong to record_slow_change(), which changes the force slowly.
@@ -60,7 +60,7 @@ NOISE_SLIDES = 2.5
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # The travel that a Refusal recommends, divided by the travel that was needed.
 WIDER_FACTOR = 1.5
-# Above this relative force error, friction has stopped an axis without integral action.
+# Smallest relative force error after friction has stopped an axis without integral action.
 FORCE_ERROR_MIN = 0.06
 
 # The following constants belong to slow_loading(), which finds compliance and friction.
@@ -71,7 +71,7 @@ KNOTS = 3  # number of forces at which the compliance may change
 # start values of the search for the first state of the friction
 FIRST_STATES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # A compliance that changes with the force is assumed if it reduces the squared errors enough.
-# This is the largest ratio of their sum to that with a constant compliance.
+# BENT_SHARE: largest ratio of the sums of squared errors, with changing and constant compliance.
 # Stick-slip of the guide reduces the sum of the squared errors less.
 BENT_SHARE = 0.3
 # Smallest compliance of a workpiece whose compliance changes with the force, divided by its mean.
@@ -80,18 +80,18 @@ BEND_MIN = 0.2
 # Largest compliance between two forces, divided by the compliance at these two forces.
 # Above this ratio of compliances, the workpiece is regarded as soft between the forces.
 SOFT_RATIO = 1.6
-# Friction is accepted if it reduces the error of the predicted position by this fraction.
+# ERROR_REDUCTION_MIN: smallest relative reduction of the position error by an accepted friction.
 ERROR_REDUCTION_MIN = 0.15
 # A workpiece that relaxes also has different positions at rising and falling force.
-# It is detected if its squared errors have less than RELAXING_SHARE of the sum with friction.
-# No likelihood is used: errors of neighbouring samples are alike, so it would detect too often.
+# RELAXING_SHARE: largest sum of squared errors with relaxation, divided by the sum with friction.
+# A likelihood would detect relaxation too often, because errors of neighbouring samples are alike.
 RELAXING_SHARE = 0.2
-# Below this difference of the positions in counts, the smaller sum alone decides.
+# Below this difference of the positions in counts, the smaller sum of squared errors decides alone.
 SMALL_CNT = 3.0
 CREEP_S = (0.03, 20.0)  # shortest and longest time constant that is tried
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
-# The workpiece slides if half of the force range exceeds its friction by this factor.
+# Smallest ratio of half of the force range to the friction of a workpiece that slides.
 SLIDE_FACTOR = 1.2
 
 # The following constants belong to directions(), which finds the friction of guide and gear.
@@ -378,8 +378,8 @@ def _widens(analyzer: Analyzer, travel: float, room: int) -> bool:
 def _with_forces(found: Glide, rows: list[_Motion], newton: float, resolution_N: float) -> Glide:
     """Returns the result with the friction that the forces of the drive show. `newton`: force in N
     per DAC code. `resolution_N`: force of one ADC code of the current; a smaller friction is not
-    regarded as measured. The dead zone becomes that of the friction at `newton`, if this is
-    larger."""
+    regarded as measured. If the friction at `newton` has a larger dead zone, the result gets this
+    dead zone."""
     speeds, forces = (np.array(values) for values in zip(*((r.speed, r.force_N) for r in rows),
                                                          strict=True))  # fmt: skip
     table = np.column_stack([speeds, np.sign(speeds), np.ones(len(rows))])
@@ -453,7 +453,7 @@ def _motion(analyzer: Analyzer, code: int, travel: int, drive: KnownDrive) -> _M
     analyzer.set(open_loop_code=0)
     analyzer.expect_apart(held)
     place = held.floats("position")
-    # Only the far end counts: dry friction may have stopped the axis beyond the begin.
+    # Only the far end of a travel counts: dry friction may have stopped the axis beyond the start.
     ahead = math.copysign(1.0, code) * (place - analyzer.home)
     inside = ahead < TRAVEL_SHARE * travel + MOTION_MIN_CNT
     last = int(np.argmin(inside)) if not inside.all() else len(place)
@@ -585,12 +585,11 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     one, curved = (_loops(F, x, knots, (1.0,)) for knots in (0, KNOTS))
     bent = _simplest([one, curved])
     if one.rubs or (bent.rubs and bent.left < late.left):
-        # Its first state and a stiffness that depends on the force change the size of a friction.
+        # A friction's size changes with its first state and with a force-dependent stiffness.
         one = _simplest([_loops(F, x, knots, FIRST_STATES) for knots in (0, KNOTS)])
     half, c_all, c_slide, rubs = one.half, one.whole, one.slides, one.rubs
     other = min(one.left, curved.left)
-    # If both directions differ by a few counts only, friction and relaxation cannot be
-    # distinguished.
+    # Friction and relaxation look alike if both directions differ by a few counts only.
     small = 2 * half * c_slide < SMALL_CNT
     share = 1.0 if small else RELAXING_SHARE
     relaxes = min(late.at_once, late.creep) > 0 and late.left < share * other
@@ -657,8 +656,9 @@ Slow = TypeVar("Slow", _Loop, _Creep)
 
 
 def _simplest(found: Sequence[Slow]) -> Slow:
-    """Returns the result with a constant stiffness, or the one with a stiffness that depends on the
-    force, if this clearly reduces the error. `found`: these two results."""
+    """Returns the result with a constant stiffness. If a stiffness that depends on the force
+    clearly reduces the error, returns the result with this stiffness. `found`: these two
+    results."""
     straight, bent = found
     clear = bent.left < BENT_SHARE * straight.left and bent.bends[0] > BEND_MIN
     return bent if clear else straight

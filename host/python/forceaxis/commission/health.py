@@ -39,16 +39,16 @@ LEVEL = 0.05
 # A parameter is determined if a change of its logarithm by this value can be detected.
 TOLD_CHANGE = 0.5
 # Two parameters explain a change equally well if their chi-square differs by less than this value.
-# They also do so below SHARE_MIN times the decrease of chi-square by the better parameter.
+# Another such limit is SHARE_MIN times the decrease of chi-square by the better parameter.
 ALIKE_BELOW = 6.0
 CHANGE_MAX_LOG = math.log(5)  # largest change of the logarithm of a parameter that is searched
 ITERATIONS = 12  # largest number of evaluations in a fit
 # Changes of a parameter from which a fit may begin.
-# Their distances are smaller than the width of a resonance.
-# A resonance that has moved by more than its width would cause local optima between them.
+# The distances of these start values are smaller than the width of a resonance.
+# With larger distances, a fit may end in a local optimum between two start values.
 STARTS_LOG = np.linspace(-CHANGE_MAX_LOG, CHANGE_MAX_LOG, 33)
 # MOVED_MAX: largest number of parameters that the result names as changed.
-# SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by that of the first.
+# SHARE_MIN: smallest decrease of chi-square by a further parameter, divided by the first decrease.
 MOVED_MAX, SHARE_MIN = 3, 0.02
 # Smallest fraction of the information on a parameter that other parameters do not explain.
 LEAST_SHARE = 1e-6
@@ -253,11 +253,11 @@ class _ResponseChange:
         self.known: dict[tuple[int, ...], tuple[Floats, float]] = {}
 
     def residuals(self, chosen: Sequence[int], logs: Floats) -> Floats:
-        """Returns the residuals of the real parts, followed by those of the imaginary parts, in
-        standard deviations. Then follow the increases of the standard deviations: the ratio
-        multiplies the noise of the released response too. The sum of squares of all is -2 times the
-        log likelihood, up to a constant. `logs`: changes of the logarithms of the parameters with
-        the indices `chosen`."""
+        """Returns residuals in standard deviations: first of the real parts, then of the imaginary
+        parts. Then follow the increases of the standard deviations: the ratio multiplies the noise
+        of the released response too. The sum of squares of all is -2 times the log likelihood, up
+        to a constant. `logs`: changes of the logarithms of the parameters with the indices
+        `chosen`."""
         at = self.centre.copy()
         at[list(chosen)] += logs
         ratio = self.responses.predictions(at)[0] / self.exact
@@ -335,8 +335,8 @@ def _of_touch_downs(order: HealthOrder) -> _LinearChange:
     problem = ContactProblem(model, data, priors, held)
     point, _ = searching.lengthened(problem, problem.centre)
     checked = problem
-    # A model that was nearly right at the release is nearly right today: its error is in the
-    # comparison of both days, and in the test of today alone.
+    # A model that was nearly right at the release is nearly right today.
+    # The error of the model is in the comparison of both days, and in the test of today alone.
     if shares := {kind: error.share for kind, error in read.model_error.items()}:
         nearly = contact_error.searched(problem, point, False, 0, shares)
         problem, checked, point = nearly.same, nearly.own, nearly.point
@@ -348,7 +348,7 @@ def _of_touch_downs(order: HealthOrder) -> _LinearChange:
     across = square[:size, size:]
     today = square[:size, :size] - across @ np.linalg.solve(square[size:, size:], across.T)
     off = point[:size] - centre
-    # At the mode, the slope of the prior is not 0.
+    # At the maximum of the posterior, the slope of the prior is not 0.
     # The maximum of the likelihood of today is elsewhere.
     pulled = today @ off + off / problem.spread[:size] ** 2
     joint = np.eye(size) + today @ log_covariance(read.table)

@@ -42,7 +42,7 @@ STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
 # Longest time in s until the axis has completed the recording of an incident and its CRC.
 COMPLETE_TIMEOUT_S = 5.0
-FULL_SCALE_BITS = 8  # a force count is a count of an ADC with this number of bits
+FULL_SCALE_BITS = 8  # number of bits of an ADC whose codes are force counts
 NEAR_MS = 100  # time in ms before and after the error that the second column of the plot shows
 
 
@@ -260,7 +260,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Returns True if the beginning of a file is that of an incident file."""
+    """Returns True if a file begins like an incident file."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')

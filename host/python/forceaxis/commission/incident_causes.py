@@ -23,7 +23,7 @@ from forceaxis.linear import posterior, working
 from forceaxis.linear.plant_facts import Overrides
 
 # Largest standard deviation of the logarithm of a parameter, if there is no released posterior.
-# A machine without a released posterior is assumed to agree with its model.
+# If a machine has no released posterior, it is assumed to agree with its model.
 RELEASED_SPREAD = 0.05
 ITERATIONS, BEND = 12, 30.0
 FORCE_MIN_N = 1.0  # smallest force from which start values of a changed plant are computed
@@ -64,8 +64,8 @@ class Cause:
 @dataclass(frozen=True)
 class FittedCause:
     """The result of the fit of a cause: the problem in which the cause was fitted, the most likely
-    point, and its cost. `model_text`: text of the model with the cause, or "" if the model is that
-    of the released machine."""
+    point, and its cost. `model_text`: text of the model with the cause, or "" if it is the model of
+    the released machine."""
 
     cause: Cause
     problem: IncidentProblem
@@ -230,7 +230,7 @@ class Released:
                 for name, log in zip(self.names, logs, strict=True)}  # fmt: skip
 
     def causes(self) -> list[Cause]:
-        """Returns all possible causes to fit, except the one that the released machine has only
+        """Returns all possible causes to fit, except the cause that the released machine has only
         followed its command."""
         scales = contact_elements.Scales(self.problem, self.fit.point)
         expected = self.problem.predict(self.fit.point[None]).force

@@ -32,13 +32,14 @@ from forceaxis.results import to_json
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# A cause is called possible if its rank is lower than the best rank by less than this value.
+# POSSIBLE_BELOW: largest difference between the best rank and the rank of a possible cause.
 # A difference of 10 in rank is a factor of 150 in the probability (Kass and Raftery 1995).
 POSSIBLE_BELOW = 10.0
-# A cause is fitted once more if its rank is lower than the best rank by less than this value.
+# AGAIN_BELOW: largest difference between the best rank and the rank of a cause with a second fit.
 # The second fit of a cause uses the derivatives for the plant with this cause.
 AGAIN_BELOW = 50.0
-# A change by this factor is large: a second that cannot exclude it does not show what has happened.
+# LARGE_FACTOR: smallest factor of a large change of a parameter.
+# A recorded second that cannot exclude a large change does not show what has happened.
 LARGE_FACTOR = 1.5
 SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
@@ -210,9 +211,9 @@ def _tried(fit: FittedCause, gain: float, best: float) -> TriedCause:
 
 
 def figure(found: Explained) -> "Figure":
-    """Returns the plot of the recorded second over the time from the fault. It shows the measured
-    force and position, those of the released machine, those with the best cause, and the residuals
-    of both."""
+    """Returns the plot of the recorded second over the time from the fault. It shows force and
+    position as measured, of the released machine, and with the best cause, and the residuals of the
+    two models."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, legend, style

@@ -245,7 +245,7 @@ def data_of(incident: Incident, model: str | Path, held: Overrides) -> ContactDa
     if abs(speed) <= slowest:
         speed = 0.0
     steps = np.arange((len(ticks) - 1) * parts + 1) / rate
-    # The black box has codes of 12 bits. A finer output has an error of its rounded code.
+    # The black box has codes of 12 bits. For a finer output, each code has a rounding error.
     is_fine = facts.volts_per_step < facts.volts_per_code
     rounding = float(facts.volts_per_code) / math.sqrt(12) if is_fine else 0.0
     touch = TouchDown(

@@ -110,8 +110,8 @@ def _command(incident: Incident) -> JsonObject:
 
 
 def _start(document: Any, fit: FittedCause) -> None:
-    """Sets the positions of all bodies that move with the drive to those at the beginning of the
-    recorded second."""
+    """Sets all bodies that move with the drive to their positions at the beginning of the recorded
+    second."""
     problem = fit.problem
     place = float(problem.number("place", 0, fit.point[None])[0])
     own = dict(zip(problem.names, np.exp(fit.point).tolist(), strict=False))

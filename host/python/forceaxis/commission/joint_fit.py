@@ -46,19 +46,19 @@ Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
 # The following distances of a parameter from its prior are in prior standard deviations.
-# PRIOR_DISTANCE_MAX: beyond this distance, a fit is rejected.
-# SEARCH_RANGE: largest distance that is searched.
-# FAR: beyond this distance, a second search begins at the prior.
+# PRIOR_DISTANCE_MAX: distance of a parameter beyond which a fit is rejected.
+# SEARCH_RANGE: largest distance of a parameter that is searched.
+# FAR: distance of a parameter beyond which a second search begins at the prior.
 PRIOR_DISTANCE_MAX, SEARCH_RANGE, FAR = 3.0, 6.0, 1.5
-# A parameter beyond this share of SEARCH_RANGE is regarded as one at the end of the search.
+# Share of SEARCH_RANGE beyond which a parameter is regarded as at the end of the search.
 SEARCHED_SHARE = 0.95
 # Factor of the measured response that is used as the prediction for values that the model refuses.
 FORBIDDEN = 1e3
 MODEL_ERROR = 0.01  # relative error of a model, which no change of its parameters can remove
 # If a model does not explain the responses, its relative error is computed at each frequency.
 # ERROR_WIDTH_LOG: width of the mean over residuals, as a difference of logarithms of frequencies.
-# ERROR_ROUNDS: number of times that the fit is repeated with these errors of the model.
-# ERROR_REACH: largest distance of a parameter from its prior then, in prior standard deviations.
+# ERROR_ROUNDS: number of repetitions of the fit with the computed relative errors of the model.
+# ERROR_REACH: largest distance of a parameter from its prior in repeated fits, in prior deviations.
 ERROR_WIDTH_LOG, ERROR_ROUNDS, ERROR_REACH = 0.1, 6, 2.0
 # Width of a band in which a model has to explain a response: difference of logarithms in Hz.
 LOCAL_WIDTH_LOG = 0.2
@@ -73,15 +73,15 @@ LIMITING_MODE_WIDTH_LOG = 0.15
 HALF_RATE_WIDTH = 0.02
 # Largest relative standard error of a response near the limiting mode.
 LIMITING_MODE_ERROR_MAX = 0.2
-# A damping is determined by the responses if the standard error of its logarithm is smaller.
+# Largest standard error of the logarithm of a damping that the responses determine.
 DAMPING_UNIT, DAMPING_ERROR_MAX = "N s/m", 0.1
 GIVEN_PERCENT = 10  # accuracy of a number that a text prints as a prior
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
-# These values are differences of the logarithm of a parameter between two forces.
+# LEVEL_ constants are differences of the logarithm of a parameter between two forces.
 # LEVEL_DISTANCE_MAX_LOG: largest difference between two forces that one plant can explain.
-# LEVEL_CHANGE_LOG: a smaller difference is not regarded as a change.
+# LEVEL_CHANGE_LOG: smallest difference between two forces that is regarded as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 
@@ -318,7 +318,7 @@ class Responses:
 
     def fine(self, x: Samples) -> Samples:
         """Returns the residuals of the likelihood. The residuals of all responses come first, then
-        those of the priors."""
+        the residuals of the priors."""
         # The factor (dof + 1) / dof of the likelihood is set to 1 here and in the chi-square test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
@@ -446,8 +446,8 @@ def joint(
 def with_model_error(rejected: JointFit, over: Sequence[str]) -> JointFit:
     """Fits the model again with the relative errors that its residuals show, each at its frequency.
     Responses then count where the model explains them. Returns a JointFit with the errors in
-    problem.errors. Its parameters are those of the model that is nearest to the responses, and
-    their intervals are wider. `rejected`: a fit that is rejected as chi2 or prior. `over`: as for
+    problem.errors. The JointFit has the parameters of the model that is nearest to the responses,
+    with wider intervals. `rejected`: a fit that is rejected as chi2 or prior. `over`: as for
     joint()."""
     problem, x = replace(rejected.problem, reach=ERROR_REACH), rejected.at
     x = np.clip(x, *problem.bounds(1e-3))
@@ -479,7 +479,7 @@ def with_levels(
     rows = np.array([x] * len(values))
     at = found.problem.names.index(name)
     rows[:, at] = best.x[len(found.at) :]
-    # The prior of `name` is that of one value for all forces.
+    # The prior of the parameter `name` belongs to one value for all forces.
     mean = replace(priors[name], value=math.exp(rows[:, at].mean()))
     problem = replace(found.problem, priors=found.problem.priors | {name: mean})
     return _evaluated(problem, rows.mean(0), over, rows)
@@ -555,7 +555,8 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 def _score(residuals: Samples, measured: Measurement) -> tuple[float, int, float]:
     """Returns three numbers: chi-square, degrees of freedom, and the probability that a correct
-    model has a chi-square at least as large, of all frequencies or of those in a narrow band.
+    model has a chi-square at least as large, of all frequencies or of the frequencies in a narrow
+    band.
 
     A mode that the model lacks shows in a narrow band. If the response has many lines, or a large
     error, its chi-square hides such a mode. Therefore each band of the width LOCAL_WIDTH_LOG is
@@ -605,7 +606,8 @@ def _evaluated(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     ranges = plant_set.ranges_of(problem.model, over, best)
     shown = _shown(problem, lines, ranges)
-    # This covariance excludes changes between the forces, which widen the ranges below separately.
+    # The covariance excludes changes of a parameter between the forces.
+    # These changes of parameters widen the ranges below separately.
     left_open = _left_open(problem, x, covariance, ranges)
     shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:

@@ -38,7 +38,8 @@ DRIVE_SPREADS = {
 # Smallest standard deviation of a prior that was read from a posterior.
 # The prior must not be narrower, because a machine changes a little from day to day.
 POSTERIOR_SPREAD_MIN = 0.01
-# A drive has an integral if its force for the same DAC code is this many times larger at STEADY_HZ.
+# INTEGRAL_RATIO: smallest force per DAC code at STEADY_HZ of a drive with an integral.
+# The force at STEADY_HZ is divided by the force in the band INTEGRAL_BAND_HZ.
 INTEGRAL_RATIO = 10.0
 INTEGRAL_BAND_HZ = (1.0, 100.0)  # frequency band in which a drive without an integral has one force
 # Time step in s of a step response, and its number of time steps.
@@ -60,8 +61,8 @@ SUPPORT_COMPLIANCE_SHARE = 0.3
 @dataclass(frozen=True)
 class Prior:
     """Prior knowledge of a parameter: a value above 0, and the standard deviation of the logarithm
-    of this value. `surmised`: True if value and standard deviation are those of a data sheet or
-    of a rough estimate, so that a distant value is a reason to doubt them."""
+    of this value. `surmised`: True if value and standard deviation come from a data sheet or a
+    rough estimate. A distant fitted value is then a reason to doubt them."""
 
     value: float
     spread: float
@@ -80,8 +81,8 @@ def drive_parameters(model: str | Path) -> list[str]:
 
 
 def exact_parameters(model: str | Path) -> list[str]:
-    """Returns the names of the parameters that do not change: the speed of a stepper is that of its
-    pulses."""
+    """Returns the names of the parameters that do not change: the speed of a stepper follows from
+    its pulses."""
     drive = model_file.read(model).drive
     speed = getattr(drive, "velocity_per_volt", None)
     return [speed] if drive.type == "stepper" and isinstance(speed, str) else []
@@ -204,8 +205,8 @@ def newton_per_code(
 def has_integral(
     model: str | Path, band_hz: tuple[float, float], overrides: linear.Overrides | None = None
 ) -> bool:
-    """Returns True if the force of the drive at a constant DAC code grows with time, as that of a
-    drive with an integral. `band_hz`: frequency band of the measured responses."""
+    """Returns True if the force of the drive at a constant DAC code grows with time, as in a drive
+    with an integral. `band_hz`: frequency band of the measured responses."""
     middle = newton_per_code(model, overrides, math.sqrt(math.prod(band_hz)))
     return newton_per_code(model, overrides) > INTEGRAL_RATIO * middle
 
@@ -252,7 +253,7 @@ def drive(
     model: str | Path, band_hz: tuple[float, float], overrides: linear.Overrides | None = None
 ) -> KnownDrive:
     """Returns the properties of a drive that follow from its model. The current is used only for a
-    drive with an integral, because the resolution of a DAC code is finer than that of a current."""
+    drive with an integral, because a DAC code has a finer resolution than a current."""
     integral = has_integral(model, band_hz, overrides)
     return KnownDrive(
         newton_per_code(model, overrides, math.sqrt(math.prod(band_hz))),

@@ -71,7 +71,8 @@ class MeasuringOrder:
         if self.counts_per_mm:
             name, value = f"{bound}_mm", counts / self.counts_per_mm
         elif bound == "squeeze":
-            name = "travel"  # without a model, one option in counts sets both bounds
+            # without a model, one value in counts sets both bounds of the travel
+            name = "travel"
         step = 10.0 ** (math.floor(math.log10(max(value, 1e-9))) - 1)
         return f"give `{name}` {math.ceil(value / step - 1e-9) * step:.6g}"
 

@@ -13,16 +13,16 @@ from forceaxis.design.changes import Design
 from forceaxis.linear import PlantFacts
 
 # Largest peak force by the momentum of the axis at a first contact, divided by the smallest force.
-# The smallest force is that of the request.
+# The smallest force here is the smallest force of the request.
 IMPACT_SHARE = 1 / 3
 # Travel out of contact in encoder counts, with which rounding is small against the motion.
 FREE_TRAVEL_CNT = 400
 # Largest travel out of contact, as a fraction of the distance to the workpiece in the model.
 GAP_SHARE = 0.4
-# The travel out of contact is this many times the least travel in which a speed can be measured.
+# Travel out of contact, divided by the smallest travel in which a speed can be measured.
 SPEED_TRAVELS = 2.0
 # WEIGHT_ERROR_CODES: error of the output that holds a weight. It causes a drift of the axis.
-# OPEN_LOOP_S: time in s of this drift, two periods of noise in open loop out of contact.
+# OPEN_LOOP_S: duration of the drift in s: two periods of noise in open loop out of contact.
 WEIGHT_ERROR_CODES, OPEN_LOOP_S = 1.0, 2.0
 # Permitted travel in contact, divided by the deflection of the model.
 # The workpiece may be softer than the model by this factor, as its stiffness is nearly unknown.
@@ -90,14 +90,15 @@ def free_counts(model: Path) -> int:
 
 def free_most_counts(gap: float) -> int:
     """Returns the largest travel out of contact in encoder counts to which a measurement may widen
-    that of free_counts(). `gap`: distance to the workpiece in encoder counts. 0 if it is 0."""
+    the travel of free_counts(). `gap`: distance to the workpiece in encoder counts. The result
+    is 0 if `gap` is 0."""
     return math.floor(GAP_SHARE * gap)
 
 
 def squeeze_most_counts(gap: float) -> int:
-    """Returns the largest travel in contact in encoder counts to which a measurement may widen that
-    of squeeze_counts(). It is the distance to the workpiece, over which the axis moves anyway.
-    `gap`: this distance in encoder counts."""
+    """Returns the largest travel in contact in encoder counts to which a measurement may widen the
+    travel of squeeze_counts(). It is the distance to the workpiece, over which the axis moves
+    anyway. `gap`: this distance in encoder counts."""
     return math.floor(gap)
 
 

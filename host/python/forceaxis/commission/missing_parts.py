@@ -52,7 +52,7 @@ FREED_GAIN_MIN = 3.0
 # BEGIN_EVALUATIONS: largest number for a fit of the parameters of a candidate alone.
 # FIRST_EVALUATIONS: largest number for a fit of all parameters.
 # EVALUATIONS_MAX: largest number for the best candidates, which are fitted again.
-# These are REFINED_MIN candidates, and all that have REFINED_SHARE of the best evidence.
+# The best candidates are REFINED_MIN ones, and all that have REFINED_SHARE of the best evidence.
 BEGIN_EVALUATIONS, FIRST_EVALUATIONS, EVALUATIONS_MAX = 10, 4, 30
 WHOLE_EVALUATIONS = 10
 REFINED_MIN, REFINED_SHARE = 4, 0.3
@@ -155,8 +155,8 @@ def delay(tried: Sequence[Tried]) -> Tried | None:
 
 
 def lead(tried: Sequence[Tried]) -> float:
-    """Returns by how much the evidence of the first candidate exceeds that of the best candidate
-    with another name. The model as it is does not count, because its fit was rejected."""
+    """Returns the evidence of the first candidate minus the evidence of the best candidate with
+    another name. The model as it is does not count, because its fit was rejected."""
     others = [one.gain for one in tried[1:] if one.name != tried[0].name]
     return tried[0].gain - max(others, default=0.0)
 
@@ -278,8 +278,7 @@ def _ranked(
         if starts:
             begun.append(min(starts, key=lambda one: one.cost))
     begun.sort(key=lambda one: one.tried(before).gain, reverse=True)
-    # A fit that began with all parameters had more evaluations, so it is not one of the repeated
-    # fits.
+    # A fit that began with all parameters had more evaluations. It is therefore no repeated fit.
     plain = [one for one in begun if not one.candidate.whole]
     least = REFINED_SHARE * plain[0].tried(before).gain if plain else 0.0
     tried = [
@@ -322,8 +321,8 @@ class _Fit:
 
 def _begun(problem: Responses, x: Samples, candidate: Candidate, folder: Path) -> _Fit | None:
     """Fits only the parameters of a candidate, while all other parameters stay at x. The cost is
-    that of the residuals coarse(). A candidate whose fit begins with all parameters is not fitted
-    here. Returns None if the candidate is not possible in the model."""
+    computed from the residuals coarse(). A candidate whose fit begins with all parameters is not
+    fitted here. Returns None if the candidate is not possible in the model."""
     try:
         wider = _with(problem, candidate, folder)
     except InputError:
@@ -388,8 +387,8 @@ def _with(problem: Responses, candidate: Candidate, folder: Path) -> Responses:
 
 
 def _refined(begun: _Fit, evaluations: int) -> _Fit:
-    """Fits all parameters together, beginning at those of `begun`. If parameters of the model are
-    then far from their priors, another fit begins with their prior values."""
+    """Fits all parameters together, beginning at the parameters of `begun`. If parameters of the
+    model are then far from their priors, another fit begins with their prior values."""
     wider = begun.wider
 
     def at(begin: Samples) -> _Fit:

@@ -116,15 +116,15 @@ CROSSOVER_RAD_PER_S = 3.0
 MS_MEASURING = 2.2
 LOW_PASS_HZ = (30.0, 10.0, 3.0, 1.0)
 SLOW_RATES_RAD_PER_S = (0.25, 1.0)
-MS_TOLERANCE = 0.3  # a measured Ms may exceed the predicted Ms by this value
-# If a measured Ms exceeds the predicted Ms by a larger factor, the law is designed again.
-# The new limit of Ms is the old one times predicted Ms, divided by measured Ms, and a margin.
-# MS_AGAIN_MIN: smallest limit of Ms for such a design.
+MS_TOLERANCE = 0.3  # largest amount by which a measured Ms may exceed the predicted Ms
+# If a measured Ms exceeds the predicted Ms by more than MS_TOLERANCE, the law is designed again.
+# New limit of Ms = old limit x predicted Ms / measured Ms x MS_AGAIN_MARGIN.
+# MS_AGAIN_MIN: smallest limit of Ms with which a law is designed again.
 MS_AGAIN_MARGIN, MS_AGAIN_MIN = 0.95, 1.15
 # probability with which noise alone makes the measured Ms exceed its bound
 PEAK_PROBABILITY = 0.025
 # If |S| is certain at no frequency, the response is measured again with more averages.
-# These are the factors of the number of averages, in the order in which they are tried.
+# AVERAGES_FACTORS: factors of the number of averages, in the order in which they are tried.
 AVERAGES_FACTORS = (1, 4, 16)
 # Highest measured frequency, divided by the highest frequency at which a loop becomes unstable.
 RESPONSE_BAND_FACTOR = 1.3
@@ -134,29 +134,30 @@ READABLE_SHARE = 0.98
 # The object contact_force is at least CONTACT_NOISE_FACTOR times the noise.
 # The object contact_force is also at least CONTACT_COUNTS_MIN force counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
-# A `contact_force` of the axis that is less than this many times the noise is replaced.
+# Ratio of `contact_force` of the axis to the noise, below which `contact_force` is replaced.
 CONTACT_NOISE_MIN = 5.0
 # Smallest change of the force by the excitation, in ADC codes, if the measured force has no noise.
 ROUNDED_CODES_MIN = 16
 ROUNDING_LSB = 0.29  # rms error of rounding in codes
 # Largest change of the force by the smallest step of the output, before the sensor shows it.
-# It is divided by the smallest force of the request.
+# The change of the force is divided by the smallest force of the request.
 # On 25 random machines, the force error was at most 3 % up to a share of 0.04.
 # With shares from 0.1 on, the force error was up to 13 %, or no law was found.
 STEP_SHARE_MAX = 0.1
 # Longest time in s of an approach over the distance of the model.
 APPROACH_LONGEST_S = 300.0
-# A text names the limiting bound if the bandwidth is below this factor times that of the P law.
+# Ratio of a bandwidth to the bandwidth of the P law, below which a text names the limiting bound.
 BANDWIDTH_FACTOR = 1.7
 # A law whose margins the error of the model exceeds is designed again, for a smaller limit of Ms.
-# MODEL_ERROR_ROUNDS: largest number of such designs.
-# MODEL_ERROR_STEP_: bounds of the factor by which each reduces the distance of Ms from 1.
-# MODEL_ERROR_MS_MIN: smallest ratio of this distance to the first one; below it, laws are too slow.
+# MODEL_ERROR_ROUNDS: largest number of designs for a smaller limit of Ms.
+# MODEL_ERROR_STEP_: bounds of the factor by which each design reduces the distance of Ms from 1.
+# MODEL_ERROR_MS_MIN: smallest distance of Ms from 1, divided by the distance in the first design.
+# With a smaller limit of Ms, laws are too slow.
 MODEL_ERROR_MS_MIN = 0.25
 MODEL_ERROR_ROUNDS, MODEL_ERROR_STEP_MIN, MODEL_ERROR_STEP_MAX = 7, 0.4, 0.85
 # An axis without friction coasts while a law is designed, so it may have to move back.
-# It moves back before an approach if it is farther from the start than this limit.
-# The limit is a multiple of the distance to the workpiece in the model.
+# AWAY_GAPS: largest distance from the start at which an axis does not move back before an approach.
+# The distance from the start is divided by the distance to the workpiece in the model.
 AWAY_GAPS = 1.5
 NO_MEMORY = -10  # key in REASONS for an axis without memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
@@ -244,7 +245,7 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
 
 def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
     """Returns the `force_scale` of the model if the axis was never calibrated. Raises Refusal if
-    the calibrated `force_scale` of the axis differs from that of the model."""
+    the calibrated `force_scale` of the axis differs from the `force_scale` of the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held.force_scale / scale - 1) <= FORCE_SCALE_TOLERANCE:
         return {}
@@ -631,8 +632,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Returns the bandwidth of the filter bank divided by that of the P law. Returns None if there
-    is no gain with which the P law keeps the margins."""
+    """Returns the bandwidth of the filter bank divided by the bandwidth of the P law. Returns None
+    if there is no gain with which the P law keeps the margins."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None

@@ -96,7 +96,7 @@ DIFFERENCE_PROBABILITY = 1e-4
 # A number of the model that is wrong by at most this factor is corrected without a question.
 NUMBER_CHANGE_MAX = 1.6
 # Shortest relaxation time of a workpiece, in s, that the slow change of the force shows accurately.
-# A shorter relaxation time follows from the responses.
+# The responses show relaxation times of the workpiece below CREEP_MIN_S.
 CREEP_MIN_S = 0.15
 # Least compliance of a workpiece that relaxes, divided by that of the axis.
 RELAXING_COMPLIANCE_MIN = 0.05
@@ -311,8 +311,8 @@ def _attempt(
             found.text += ", although its value was measured while the force changed slowly"
             found.remedy = ""  # which frees a value that is given, not one that is measured
         elif used != sheet:
-            # Either the responses contradict the mass that was measured with sines.
-            # Or the stiffness depends on the force, so that a slow change over all forces differs.
+            # A possible cause: the responses contradict the mass that was measured with sines.
+            # Another cause: the stiffness depends on the force, so it differs in a slow change.
             found = fitted(sheet)
     return _Attempt(found, frictions, dampers, names, sheet)
 
@@ -493,8 +493,8 @@ def _model_lines(tuning: TuningFolder, frictions: Frictions, lacks: str) -> str:
 
 
 def _response(folder: Path, model: str) -> Measurement:
-    """Reads a measured response. The ages of its forces are those of the model, which may have
-    another latency than when the response was measured."""
+    """Reads a measured response. The model defines the ages of the forces. Its latency may differ
+    from the latency of the measurement."""
     found = fit_response.read_response(folder, model)
     sampling = linear.facts(model).required_reading.sampling
     if found.free or not sampling:
@@ -588,7 +588,8 @@ def _error(
     frequencies, so its response must have little weight in the fit.
     """
     response = _figures(name, free, measured)
-    rms_codes = response.amplitude / math.sqrt(3)  # of noise with equally frequent values
+    # rms value of noise whose values are equally frequent
+    rms_codes = response.amplitude / math.sqrt(3)
     ratio = free.glide.dead_zone / rms_codes if free.glide.rubs else 0.0
     held = RUBBING_ERROR * ratio * (1 + (ratio / RUBBING_RATIO) ** 2)
     on_table = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
@@ -629,8 +630,8 @@ def _workpiece(
     facts, given = linear.facts(tuning.given), _given_priors(tuning)
     scale = abs(facts.required_encoder.scale)
     found: dict[str, Prior] = {}
-    # While the workpiece sticks, the measured compliance is an upper bound of that of the sensor.
-    # It also contains the compliance of all elements that the model lacks.
+    # While the workpiece sticks, the sensor's compliance is at most the measured compliance.
+    # The measured compliance also contains the compliance of all elements that the model lacks.
     stuck = measured.between.compliance
     is_soft = sensor and best and sensor in best and scale / best[sensor] > STUCK_MORE * stuck
     if sensor and is_soft and stuck > STUCK_SHARE_MIN * sliding:
@@ -704,7 +705,7 @@ def _with_tolerances(
     softest, stiffest = measured.between.bends
     if stiffness in ranges and stiffest > 1:
         value, least, most = ranges[stiffness]
-        # The stiffness is that at the mean force of the slow change.
+        # The stiffness belongs to the mean force of the slow change.
         # The responses at different forces may already show a part of the change of the stiffness.
         sliding = measured.between.sliding
         scale = abs(linear.facts(tuning.given).required_encoder.scale)

@@ -64,7 +64,7 @@ AMPLITUDE_RATIO = 3
 BAND_MAX_HZ, SAMPLED_BAND = 400.0, 0.4
 # Lowest and highest frequency in Hz of the sines that move a workpiece.
 SINE_MIN_HZ, SINE_MAX_HZ = 4.0, 150.0
-# A response in contact is recorded after so many time constants of the integral action.
+# Number of time constants of the integral action after which a response in contact is recorded.
 SETTLE_INTEGRALS = 4.0
 # smallest force of a first contact, divided by `contact_force`
 TOUCH_OVER_CONTACT = 2.0
@@ -293,8 +293,8 @@ def _shaken(
 
 
 def first_contact_N(tuning: TuningFolder, checked: Checked) -> float:
-    """Returns the force in N with which an axis makes its first contact before a measurement. For
-    this error of the force, the output of the law without its integral is that of the approach.
+    """Returns the force in N with which an axis makes its first contact before a measurement. At
+    this error of the force, the law without its integral has the same output as in the approach.
     With a larger one, an axis that bounces would become faster than its approach."""
     own = tuning.axis.get("approach_velocity_max", "contact_force") | checked.settings
     code = float(own["approach_velocity_max"]) / abs(known.code_rate(tuning.model))
@@ -340,7 +340,7 @@ def measuring_order(
         touch_N=touch_N, touch_most_N=max(order.forces),
         travel=max(TRAVEL_MIN_CNT, round(free_travel_mm(tuning, order) * counts_per_mm)),
         squeeze=max(TRAVEL_MIN_CNT, round(squeeze_mm(tuning, order) * counts_per_mm)),
-        # What the user has given is never exceeded.
+        # A travel that the user has given is never exceeded.
         travel_most=0 if tuning.order.travel_mm else machine_bounds.free_most_counts(gap),
         squeeze_most=0 if tuning.order.squeeze_mm else machine_bounds.squeeze_most_counts(gap),
         counts_per_mm=counts_per_mm, gap=gap,

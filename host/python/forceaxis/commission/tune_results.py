@@ -1,5 +1,5 @@
-"""Results of the steps of a tuning. Their fields are those of the files in the folder of the
-tuning.
+"""Results of the steps of a tuning. The results have the same fields as the files in the folder of
+the tuning.
 
 The result of each step is a frozen dataclass. The module forceaxis.results converts it to JSON and
 back, so that the names of the fields are the keys in the files. Forces are in N, frequencies in Hz,
@@ -182,7 +182,7 @@ class FittedLoop(Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class Designed(DesignResult):
-    """Result of the step `design`. It has the fields of a DesignResult and some more.
+    """Result of the step `design`. It has the fields of a DesignResult and additional fields.
 
     `on_fitted`: bandwidth and margins with the fitted plant, for the laws "before" and "designed";
     None if there is no such law. `objects`: values of objects in the order in which they are

@@ -14,10 +14,10 @@ from forceaxis.commission.tune_measure import free_travel_mm, per_mm, temporary
 from forceaxis.commission.tune_results import Settings
 
 # Largest peak-to-peak value of normal noise, divided by its rms value.
-# In half a second at rest, normal noise exceeds it once in ten thousand recordings.
+# Half a second of normal noise exceeds PEAK_TO_PEAK once in ten thousand recordings.
 PEAK_TO_PEAK = 10.0
 # Relative uncertainty of the DAC code of the model that holds the weight.
-# It follows from the accuracy with which a data sheet states mass and motor constant.
+# WRONG_SHARE follows from the accuracy with which a data sheet states mass and motor constant.
 WRONG_SHARE = known.MASS_SPREAD + known.DRIVE_SPREAD
 
 
@@ -81,7 +81,7 @@ def held_weight(tuning: TuningFolder, settings: Settings, rest: Rest) -> Setting
 
 def _expect_room_to_fall(tuning: TuningFolder, weight: known.Weight) -> None:
     """Raises Refusal if the axis could fall onto the workpiece when it is disabled, while its brake
-    engages and the output holds the weight of the model instead of that of the machine."""
+    engages and the output holds the weight of the model instead of the weight of the machine."""
     speed_per_code = abs(known.code_rate(tuning.model)) / (1e3 * per_mm(tuning))
     fall_mm = 1e3 * weight.driven_fall_m(WRONG_SHARE, speed_per_code)
     gap_mm = machine_bounds.gap_counts(tuning.model) / per_mm(tuning)

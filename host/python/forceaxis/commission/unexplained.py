@@ -24,14 +24,14 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 
 # AVERAGING_WIDTH: width of the mean of a quotient of responses, in logarithms of frequencies.
-# SCATTER_MAX: largest mean of the squared deviations from this mean, in variances.
+# SCATTER_MAX: largest mean of the squared deviations from the averaged quotient, in variances.
 AVERAGING_WIDTH, SCATTER_MAX = 0.04, 2.0
 RANDOM_PLANTS = 12  # number of random plants of the set, in addition to nominal and corner plants
 CORNERS_MAX = 16  # largest number of corner plants
 SEED = 1988
-# A loop is regarded as stable if 1 + s T (r - 1) is farther from 0 than this.
+# Smallest distance from 0 of 1 + s T (r - 1) for a loop that is regarded as stable.
 DISTANCE_MIN = 0.2
-# Without a bound, Ms of a plant that may be unstable. It is finite, so that JSON can hold it.
+# Ms of a plant that may be unstable, if Ms has no bound. JSON requires a finite number.
 UNSTABLE_MS = 1e3
 
 
@@ -80,7 +80,7 @@ def of_fit(found: JointFit, names: Sequence[str]) -> dict[str, Unexplained]:
         own, variance = m.response / h, m.variance / abs(h) ** 2
         near = (abs(np.log(m.frequency_hz[:, None] / m.frequency_hz)) < AVERAGING_WIDTH) / variance
         mean = near @ own / near.sum(1)
-        # Near a narrow mode the quotient changes from line to line, and a mean would hide this.
+        # Near a narrow mode, the quotient changes from line to line. A mean would hide this change.
         scatter = near @ abs(own) ** 2 - near.sum(1) * abs(mean) ** 2
         alike = scatter < SCATTER_MAX * (near > 0).sum(1)
         quotient = np.where(alike, mean, own)

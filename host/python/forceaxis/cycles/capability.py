@@ -47,8 +47,8 @@ class Interval:
 
 @dataclass(frozen=True)
 class ElementStatistics:
-    """The values of one evaluation element in all good and bad parts, in `unit`. The bounds `least`
-    and `most` are those of the cycle program of the last part."""
+    """The values of one evaluation element in all good and bad parts, in `unit`. The cycle program
+    of the last part has the bounds `least` and `most`."""
 
     name: str
     unit: str

@@ -98,8 +98,8 @@ def _read_parts(axis: Drive, count: int) -> bytes:
 
 
 def points(data: bytes, wanted: LiveProgram, thinned: int = 0) -> CurvePoints:
-    """Converts the bytes of the points of a curve to numbers. The scales of the numbers are those
-    of an experiment."""
+    """Converts the bytes of the points of a curve to numbers. An experiment defines the scales of
+    the numbers."""
     converters = _core.inputs(str(wanted.experiment), list(wanted.overrides))["converters"]
     sensor, encoder = converters["adc0"], converters["encoder"]
     newtons = abs(sensor["per_code"]) * 2.0 ** (sensor["bits"] - 8) / COUNTS_PER_FORCE

@@ -39,7 +39,7 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 UNITS = {"force": "N", "position": "m"}
-# largest relative difference between the rate of a trace and that of the ticks
+# largest relative difference between the sample rate of a trace and the tick rate
 RATE_TOLERANCE = 1e-3
 # signals of the firmware from which the phase of a tick follows; recorded at the end of the tick
 TRACED_PHASE, TRACED_STATE, RUNNING = "cycle_phase", "cycle_state", 1
@@ -318,7 +318,8 @@ def _traced_labels(
             f"{where}: {TRACED_STATE}: expected a recording that begins before the cycle, but the "
             "cycle runs in its first sample; record earlier"
         )
-    # A traced phase is that at the end of its tick, so a sample belongs to the phase traced before.
+    # The trace contains the phase at the end of each tick.
+    # A sample therefore belongs to the phase that was traced one tick before.
     # The first sample of a cycle belongs to the first phase of the cycle.
     before_s = at_s - period_s
     ran_before = recording.held(TRACED_STATE, before_s) == RUNNING

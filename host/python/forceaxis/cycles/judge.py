@@ -44,8 +44,8 @@ SCALE_TOLERANCE = 0.01
 OFFSETS = ("force_zero_code", "force_tare")
 OPEN = (-math.inf, math.inf)
 AFTER_END = 255  # phase of the samples after the end of the cycle
-# A curve presses once more after its cycle if the force falls below the first share of the peak,
-# and rises above the second one then.
+# A curve presses again after its cycle if its force first falls below LOW_SHARE of the peak.
+# The force of such a curve then rises above HIGH_SHARE of the peak.
 LOW_SHARE, HIGH_SHARE = 0.1, 0.5
 # Conditions for the end of a phase that do not depend on force, travel and time alone.
 NOT_IN_A_CURVE = ("reached", "input_on", "input_off")
@@ -171,7 +171,7 @@ class JudgedPart:
     # True if the conditions of the cycle program decided where phases begin and end
     by_program: bool
     is_interpolated: bool  # True if the position was interpolated at the times of the force
-    phases: list[PhaseSpan]  # times are those of the recording
+    phases: list[PhaseSpan]  # phases of the part, with times of the recording
     record: PartRecord
     # notes about the import of the curve from a file of another program, and about its spikes
     import_notes: list[str] = field(default_factory=list)
@@ -262,9 +262,9 @@ def judge(
 def judge_parts(
     press: JudgePress, recording: SignalRecording, where: str, phase: str | None = None
 ) -> list[JudgedPart]:
-    """Evaluates the parts of a recorded curve. It has several ones if its phases begin again.
-    `where`: name of the recording in messages. `phase`: name of the phase of all samples if the
-    recording names no phases, or None for the phases of the program. Raises InputError,
+    """Evaluates the parts of a recorded curve. The curve has several parts if its phases begin
+    again. `where`: name of the recording in messages. `phase`: name of the phase of all samples if
+    the recording names no phases, or None for the phases of the program. Raises InputError,
     ParameterError."""
     times = curve_samples.times_of(recording, where)
     press.expect_scales(recording, where)

@@ -44,7 +44,7 @@ class PartOutcome:
 
     def is_good_by(self, elements: Sequence[Element], moved: Sequence[int]) -> bool:
         """Returns True if the part would be good with the bounds of `elements`. `moved`: indices of
-        the evaluation elements whose bounds are not those of the simulation."""
+        the evaluation elements whose bounds differ from the bounds of the simulation."""
         return (
             self.is_judged
             and self.is_within_limits

@@ -46,7 +46,7 @@ class ElementFigure:
 
 @dataclass(frozen=True)
 class PhaseSpan:
-    """One phase of a press cycle: when it began and ended, and why it ended."""
+    """One phase of a press cycle: when the phase began and ended, and why it ended."""
 
     name: str
     begin_s: float
@@ -119,8 +119,8 @@ class PartRun:
 
 
 def run(experiment: Path, overrides: Sequence[str] = (), program: Path | None = None) -> PartRun:
-    """Simulates the press cycle of one part. `program`: file of a cycle program that replaces that
-    of the experiment, or None. Raises InputError."""
+    """Simulates the press cycle of one part. `program`: file of a cycle program that replaces the
+    cycle program of the experiment, or None. Raises InputError."""
     given = with_program(overrides, program)
     known = read_program(experiment, given)
     done = runs.run(experiment, given, text=_traced(experiment))
@@ -189,8 +189,8 @@ def _figures(report: CycleReport, program: Program) -> list[ElementFigure]:
 
 
 def _last_cycle(done: runs.Run) -> tuple[int, int] | None:
-    """Returns the numbers of the first and of the last tick of the last cycle. The last tick is the
-    one in which the cycle ends."""
+    """Returns the numbers of the first and of the last tick of the last cycle. In the last tick the
+    cycle ends."""
     running = np.flatnonzero(done.columns["cycle_state"] == RUNNING)
     if not running.size:
         return None
@@ -207,8 +207,9 @@ def _curve(done: runs.Run, program: Program) -> TickCurve | None:
     # In its first tick, the cycle begins and has its first sample.
     inside = slice(begin, end + 1)
     converters = done.result.converters
-    # The traced phase of a tick is the phase after this tick. The phase to which a sample belongs
-    # is therefore the traced phase of the previous tick, and that of the first one is the first.
+    # The trace contains the phase after each tick.
+    # A sample therefore belongs to the phase that was traced one tick before.
+    # The first sample belongs to the first phase.
     phase = np.append(0, done.columns["cycle_phase"][begin:end].astype(np.int64))
     ended_by = done.columns["cycle_ended_by"][inside].astype(np.int64)
     measured = _physical(done, "adc0")

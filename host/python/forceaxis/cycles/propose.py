@@ -307,8 +307,8 @@ def propose_from(
 
 
 def edited(text: str, program: Program) -> str:
-    """Returns the text of a file with a cycle program, in which the bounds are replaced by those of
-    `program`. Comments and all other keys do not change. Each bound keeps its unit. Raises
+    """Returns the text of a file with a cycle program, in which the bounds of `program` replace the
+    original bounds. Comments and all other keys do not change. Each bound keeps its unit. Raises
     InputError."""
     import tomlkit
 

@@ -291,7 +291,7 @@ class Reminders:
                 self.press(record)
 
     def press(self, record: PartRecord) -> None:
-        """Stores the time of a record if the record is that of a good master part."""
+        """Stores the time of a record if the record belongs to a good master part."""
         if record.serial == self.master_serial and record.state == GOOD:
             self.master_pressed = datetime.datetime.fromisoformat(record.recorded)
 

@@ -186,7 +186,7 @@ class NoLimitingMode:
 @dataclass(frozen=True)
 class NextCrossing:
     """The next gain above the critical gain at which another pole becomes unstable. The frequency
-    is that of this pole."""
+    belongs to this pole."""
 
     gain: float
     frequency_hz: float | None
@@ -363,8 +363,8 @@ def next_crossing(loop: Loop) -> NextCrossing | None:
 # The root locus of a sampled loop starts at z = 0, whose logarithm is -infinity.
 @np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """Returns the open-loop pole in 1/s at which a branch of the root locus begins. The branch is
-    the one that reaches the stability boundary at the critical gain."""
+    """Returns the open-loop pole in 1/s at which a branch of the root locus begins. This branch
+    reaches the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError(
             "gain: expected a loop with a critical gain, got a loop that is stable at every gain; "
@@ -416,8 +416,7 @@ class _Over:
         self.goal = self.goal_of(design.facts.required_reading.bits)
 
     def goal_of(self, bits: int) -> Goal:
-        """Returns the margins to keep with an ADC of `bits` bits, whose noise is that of the
-        model."""
+        """Returns the margins to keep with an ADC of `bits` bits, with the noise of the model."""
         goal = goal_of_noise(bits, self.design.noise_codes(bits))
         return replace(goal, timings=(self.design.timing,))
 

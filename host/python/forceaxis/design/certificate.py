@@ -31,7 +31,7 @@ Accuracy = Literal["exact", "quick", "mean age"]
 Searches = dict[str, over.WorstSearch]  # {delay of the loop: search for the worst plants}
 # largest relative error of quickly computed bandwidths and margins, with a reserve
 QUICK_ERROR = 1e-6
-REACHED_SHARE = 0.97  # a sentence names a bound as reached above this share of the bound
+REACHED_SHARE = 0.97  # share of a bound above which a sentence says that the bound is reached
 # Two frequencies belong to the same mode of vibration if their ratio is below this factor.
 MODE_FACTOR = 1.35
 

@@ -290,9 +290,9 @@ def settled(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
-    """Returns the design with the largest bandwidth whose simulated contacts settle. Its structure
-    of the law may differ from that in the result of the search. Raises InputError if no simulated
-    contact settles."""
+    """Returns the design with the largest bandwidth whose simulated contacts settle. The structure
+    of its law may differ from the structure that the search has found. Raises InputError if no
+    simulated contact settles."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:

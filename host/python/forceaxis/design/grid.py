@@ -29,7 +29,7 @@ THIN = 1 / 3  # density of a thin grid relative to a full grid
 # Default of the largest gain at high frequency, in DAC codes per 8-bit count, for every ADC.
 # A finer ADC does not reduce the noise of the measured force in N.
 HF_DEFAULT = 80.0
-# A design uses this share of the bound of `hf_gain`, because the firmware rounds coefficients.
+# Share of the bound of `hf_gain` that a design uses, because the firmware rounds coefficients.
 HF_SHARE = 0.99
 
 
@@ -189,7 +189,8 @@ class Grid:
         )
         if not self.core.kept:
             for member in self.members:
-                self.plants.loop(member, "zoh")  # raises InputError, which names the missing path
+                # this call raises an InputError that names the missing path
+                self.plants.loop(member, "zoh")
             raise _core.InputError("members: expected at least one plant in the set, got none")
         self.members = [self.members[i] for i in self.core.kept]
 
@@ -227,7 +228,7 @@ class Grid:
 
     def figures(self, bank: Bank) -> GridFigures:
         """Returns the bandwidths and margins of all loops with a filter bank. The gain of the bank
-        must be at most that of largest_gain(), because the stability of the loops is not
+        must be at most the gain of largest_gain(), because the stability of the loops is not
         checked."""
         values = self.core.figures(law_shape(bank), bank.force_gain)
         return GridFigures(*np.moveaxis(values, 2, 0))

@@ -150,7 +150,7 @@ class ModelFile:
 
     @property
     def force_adc(self) -> ModelAdc:
-        """Returns the element [[adc]] on channel 0, which is that of the force sensor."""
+        """Returns the element [[adc]] on channel 0, which belongs to the force sensor."""
         return next(adc for adc in self.adcs if adc.channel == 0)
 
     @property

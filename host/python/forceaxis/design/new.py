@@ -37,13 +37,13 @@ FIRST_GAIN_SHARE = 1 / 6
 # The gain never falls below RESERVE_LEAST times the first gain.
 RESERVE, RESERVE_STEP, RESERVE_LEAST = 2.0, 0.95, 0.25
 GAIN_MOST = 256.0  # largest gain of a new axis, in DAC codes per unit of the controlled signal
-STATIC_GAIN_MAX = 1e6  # a loop with a larger static gain has an integral
+STATIC_GAIN_MAX = 1e6  # static gain above which a loop has an integral
 # The first contact of contact.toml comes within this time in s. Otherwise the axis starts nearer.
 REACH_MAX_S = 20.0
 # Limit of the force error in contact.toml with an integral in the loop, a share of the set-point.
 # An error of HALF_COUNT 8-bit counts, or of one DAC code, is always permitted.
 ERROR_MAX, HALF_COUNT = 0.02, 0.6
-FRACTION_BITS = 12  # an output with more bits than this has fractions of a DAC code
+FRACTION_BITS = 12  # largest number of bits of an output without fractions of a DAC code
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
 HELD = "held.toml"  # name of the experiment that makes contact with the designed filter bank
@@ -379,8 +379,7 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float  # duration of the experiment step.toml
-    # force of the axis in N at the start of the approach: that of the DAC code and of output_bias,
-    # plus the weight of the axis
+    # sum of the forces in N at the start of the approach: DAC code, output_bias, weight of the axis
     pushes_N: float
     # largest multiple of the declared dry friction that `pushes_N` overcomes; None if below 1
     friction_most: float | None
@@ -475,7 +474,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     integrates = not static < STATIC_GAIN_MAX
     newton_per_code = math.inf if integrates else volts * of_command / of_force
     bias = bias_codes(v, newton_per_code)
-    # What the output bias leaves of the weight is the rounding of the bias.
+    # The output bias holds the weight except for the rounding error of the bias.
     unheld = weight + (bias * newton_per_code if bias else 0.0)
     need = 1.1 * (2 * dry - min(unheld, 0.0)) * speed_per_N / (gain * code)
     highest = math.floor(min(96.0, peak / 2 / newton_per_count) * 256) / 256
@@ -512,7 +511,7 @@ def first_gains(axis: AxisConstants, model: Path, lower: float | None = None) ->
     # The simulated time is sufficient at a tenth of the speed, unless the run then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = min(free_speed / speed_per_N, peak) if integrates else free_speed / speed_per_N
-    pushes += unheld  # N, with the weight, at standstill
+    pushes += unheld  # force in N at standstill, including the weight
     most = friction_most(dry, pushes)
     if most is not None and not integrates:
         slowest = (pushes - most * dry) * speed_per_N
@@ -567,7 +566,8 @@ def with_reserve(
                 return replace(found, reserve=RESERVE, simulated_N=held_N)
             lower = math.floor(RESERVE_STEP * found.gain * 256) / 256
             found = first_gains(axis, trial / MODEL, lower)
-        except (InputError, _core.SimulationError):  # too slow an approach, or no simulation
+        # the approach is too slow, or the simulation fails
+        except (InputError, _core.SimulationError):
             break
     return first
 

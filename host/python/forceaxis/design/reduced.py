@@ -163,7 +163,7 @@ class ShortSearch:
 
     def _near(self, numbers: Samples, alone: Mapping[str, Bounds]) -> list[str]:
         """Returns the names of those bounds that permit nearly the smallest gain of all bounds.
-        `numbers`: those of the law. `alone`: {name: bounds of which only one is finite}."""
+        `numbers`: the numbers of the law. `alone`: {name: bounds of which only one is finite}."""
         unit = structures.bank(numbers, 1.0)
         steep = self.inner.hf_gain(unit)
         gains = {n: self.grid.largest_gain(unit, steep, one).gain for n, one in alone.items()}

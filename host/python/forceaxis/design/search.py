@@ -40,13 +40,14 @@ from forceaxis.linear.stability import Loop
 LARGER_STRUCTURE_MIN = 1.1
 # The result explains why a law has less than this share of the bandwidth of a smaller structure.
 SMALLER_SHARE = 0.99
-# The result states the loss of bandwidth by the ramp if the bandwidth without it is larger by this
-# factor.
+# RAMP_COST_MIN: ratio of the bandwidths without and with the ramp of the set-point.
+# Above this ratio, the result states the loss of bandwidth by the ramp.
 RAMP_COST_MIN = 1.1
 # Number of random plants with which the designed law is checked before its certificate is computed.
 RANDOM = 250
 SLOWEST_HZ = 1.5 * LOWEST_HZ  # smallest bandwidth of a law on the plants of a grid
-GRID_SLOWER = 0.99  # a bandwidth on a grid below this share of another one is surely smaller
+# ratio of two bandwidths on a grid, below which the first bandwidth is surely smaller
+GRID_SLOWER = 0.99
 PROBE_RANDOM = 60  # number of random plants in each round of the search
 ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
 # Largest number of corner plants of the set of plants at the start of the search.
@@ -69,16 +70,16 @@ RESTARTS = (1, 2, 3)
 # The best result of all restarts of a search is used.
 # The ramp of the set-point excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5, 1.0)
-# A pole with a larger damping ratio is stable without an exact analysis.
+# Damping ratio above which a pole is stable without an exact analysis.
 SURELY_STABLE = 1e-6
 # A loop is stable at the smallest gain of the firmware if its poles decay faster than this.
 SLOWEST_DECAY_PER_S = 1e-6
 # Smallest ratio of the frequencies of other poles to LOWEST_HZ, at which an integral alone acts.
 SLOW_FACTOR = 3.0
-# A plant is evaluated on a full grid if its gain limit is below this multiple of the lowest one.
+# Ratio of a plant's gain limit to the lowest gain limit, below which the plant gets a full grid.
 CLOSE_TO_WORST = 1.05
 CLOSE_MAX = 16  # for each law, largest number of random plants that are evaluated on a full grid
-# For each bandwidth, margin and delay, so many of the worst random plants get a full grid.
+# Number of the worst random plants that get a full grid, for each bandwidth, margin and delay.
 WORST_EACH = 2
 # Largest static error of a law without integral action, as a share of the force set-point.
 STATIC_ERROR_MAX = 0.01
@@ -191,8 +192,8 @@ class SearchProblem:
             self.ramp = kept
 
     def without_ramp(self, numbers: Samples, limits: Samples) -> Samples:
-        """Returns the numbers of the best law that a simplex search finds without the ramp. The
-        arguments are those of polished()."""
+        """Returns the numbers of the best law that a simplex search finds without the ramp. Its
+        arguments have the same meaning as the arguments of polished()."""
         kept, self.ramp = self.ramp, None
         try:
             return _polished(self, np.clip(numbers, *limits.T), limits)
@@ -452,7 +453,7 @@ def is_stable_at_small_gain(loop: Loop) -> bool:
 def _integrates(poles: Response, doubtful: NDArray[np.bool_], response: Response) -> bool:
     """Returns True if the only doubtful pole of a plant is an integral that reduces the force
     error. At a small gain, this pole alone moves, by the gain times -w Im L at a frequency w far
-    below all other poles. The delay of the loop does not change this. `response`: that of the
+    below all other poles. The delay of the loop does not change this. `response`: response of the
     plant, which begins at LOWEST_HZ."""
     lowest = 2 * math.pi * LOWEST_HZ
     others = np.abs(poles[~doubtful])
@@ -520,7 +521,7 @@ def _result(
         gain = grid.largest_gain(unit, problem.hf_gain(unit), problem.bounds).gain
         bank = certificate.lowered(unit, gain)
         # The worst plants of the grid alone show whether the law is slower than another one.
-        # They also show whether the law is too slow to be evaluated.
+        # The worst plants of the grid also show whether the law is too slow to be evaluated.
         if grid.figures(bank).fS_Hz.min() < max(GRID_SLOWER * least_Hz, SLOWEST_HZ):
             return StructureDesign(name, bank_figures(bank), None)
         accuracy: certificate.Accuracy = "quick" if unit.sections else "mean age"

@@ -59,7 +59,7 @@ APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives 
 # Force at the end of the sensor's delay after a contact, as a share of the least force set-point.
 BLIND_SHARE = 0.3
 # Smallest force set-point, as a multiple of the weight along the axis and of the rms noise.
-# With a smaller one, weight or noise alone ends a contact.
+# With a smaller force set-point, weight or noise alone ends a contact.
 WEIGHT_FACTOR, NOISE_FACTOR = 1.2, 8.0
 # Below this rate of the sensor in Hz, the text about a failed contact names the sensor.
 SLOW_SENSOR_HZ = 200.0
@@ -67,10 +67,10 @@ WINDOW_S = 0.5  # length in s of the window of the verdict
 # Shortest and longest time in s from the first contact to the window of the verdict.
 SETTLE_S = (1.5, 10.0)
 # Largest permitted force ripple in 8-bit counts, peak to peak: RIPPLE_COUNT or a larger value.
-# The larger value is one count plus NOISE_RIPPLE times the rms noise of the sensor.
+# The larger value of the ripple is one count plus NOISE_RIPPLE x the rms noise of the sensor.
 # A force law amplifies this noise a little.
 RIPPLE_COUNT, NOISE_RIPPLE = 3.0, 9.0
-# Further permitted contact losses if `contact_force` is below FLICKER_NOISE times the rms noise.
+# FLICKER_LOSSES: further permitted contact losses if contact_force < FLICKER_NOISE x rms noise.
 # While the force passes `contact_force` slowly, the noise alone then causes contact losses.
 FLICKER_LOSSES, FLICKER_NOISE = 3, 8.0
 LEAST_COUNT = 4  # smallest force set-point in 8-bit counts: twice the default of `contact_force`
@@ -84,7 +84,7 @@ KEPT = (
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
 DWELLS_MS = (300, 100, 600)  # values of `contact_loss_dwell` in ms, in the order of simulation
 # FRICTION_SHARES: shares of the largest friction that the axis overcomes after a contact loss.
-# MOST_FRICTION_SHARE: share that it overcomes at approach speed if these are not sufficient.
+# MOST_FRICTION_SHARE: share of this friction at approach speed, if FRICTION_SHARES do not suffice.
 FRICTION_SHARES, MOST_FRICTION_SHARE = (0.5, 1.0), 2.0
 # Factor of one reduction of the gain, and largest number of reductions of the gain.
 BACKOFF, BACKOFFS = 0.9, 20
@@ -130,7 +130,8 @@ class ContactBench:
         self.model = design.changed_model(self.change)
         self.overrides = design.overrides | dict(self.change.overrides)
         self.settle_s = SETTLE_S[0]
-        self.static_error = math.inf  # of a law without integral action, see wait_for()
+        # static error of a law without integral action; see wait_for()
+        self.static_error = math.inf
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts.required_reading.per_count)
         self._given = experiment_file.firmware_table(design.experiment)
@@ -494,8 +495,8 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """Returns the text of the experiment of a simulated contact. The arguments are those of
-        experiment()."""
+        """Returns the text of the experiment of a simulated contact. Its arguments have the same
+        meaning as the arguments of experiment()."""
         return experiment_file.text_of(self.experiment(case, bank, loss, model))
 
     def experiment(
@@ -744,7 +745,7 @@ def choose_loss(
         able = [choice for choice in able if choice in whole] or able
         needed = {*able, *(choice for choice in choices[:1] if choice in whole)}
         going = [(c, i) for c, i in going if c in needed and tolerated[c][i] == factor]
-    # Of several equal results, the first one is chosen.
+    # If several results are equal, the first one is chosen.
     best = best or max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
     return ContactLoss(
@@ -797,8 +798,8 @@ def _members_of(contacts: Sequence[Contact]) -> list[Plant]:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Simulated contacts with one gain, those of them that are not stable (`again`), and the result
-    of losses() with which the fewest are not stable."""
+    """Simulated contacts with one gain, the unstable ones of these contacts (`again`), and the
+    result of losses() with which the fewest are not stable."""
 
     rows: list[SimulatedContact]
     again: list[Contact]
@@ -897,7 +898,7 @@ def _unsettled(
 
 def _expect_live(bench: ContactBench, tried: Bank, bank: Bank, contact: SimulatedContact) -> None:
     """Raises InputError if a contact fails because of the dead zone of a gain, or because friction
-    holds the axis: both are worse at each smaller gain. The other arguments are those of
+    holds the axis: both are worse at each smaller gain. The other arguments are the same as for
     _unsettled()."""
     if bench.is_dead(contact, tried) or bench.is_held(contact, tried):
         raise _unsettled(bench, tried, bank, contact)

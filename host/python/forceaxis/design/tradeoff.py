@@ -28,8 +28,8 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
     """The design for one value of the second property. Only one of the fields `ms`, `hf` and
-    `gain_margin` has a value: the one of the second property. All other fields are None if no gain
-    keeps the margins."""
+    `gain_margin` has a value: the field of the second property. All other fields are None if no
+    gain keeps the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None
@@ -75,7 +75,7 @@ def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
     """Returns one design for each value of the property `against`, from the search in `reduced`.
-    All other margins are those of `order`, the request for a design. Raises InputError."""
+    `order`, the request for a design, defines all other margins. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:

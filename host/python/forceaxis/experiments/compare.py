@@ -47,14 +47,14 @@ CONFIDENCE = 0.95
 SAMPLES = (8, 2000)  # smallest and largest number of runs
 BEFORE_S = 0.05  # signals are compared and drawn from this time in s before the first contact
 LEAST_SPAN_S = 0.02
-AFTER_S = 0.05  # each run lasts longer than the comparison by this time in s
+AFTER_S = 0.05  # time in s by which each run lasts longer than the comparison
 POINT_BAND = 1.96  # half width of the band of a single sample, in standard deviations
 AREA_SAMPLES = 3  # number of samples of the first contact from which the gap of a run is found
 SAME_TICKS = 2  # two first contacts with at most this distance in ticks are simultaneous
 NEEDED_SHARES = tuple(
     float(f"{0.0005 * 1.25**i:.2g}") for i in range(28)
 )  # shares of an error of the model that are tried, from small to large
-# a characteristic value is expected in a recording if at least this share of the runs has it
+# smallest share of the runs with a characteristic value that is then expected in a recording
 LEAST_SHARE = 0.5
 
 
@@ -96,7 +96,7 @@ class RecordingComparison:
     # {signal: error of the model} that the bands contain
     model_error: dict[str, ErrorSize]
     # {signal: smallest error of the model} with which all characteristic values would agree.
-    # It is {} if they agree already, or if no error in NEEDED_SHARES is large enough.
+    # The result is {} if the values agree already, or if all errors in NEEDED_SHARES are too small.
     needed_error: dict[str, ErrorSize]
     notes: tuple[str, ...]
 
@@ -344,9 +344,10 @@ def _grid(measured: _Measured, runs: Sequence[_Run], lasts_s: float) -> Floats:
 
 @dataclass(frozen=True)
 class _Signal:
-    """One signal at the times `grid` from the first contact: its measured values (n,), and those of
-    the runs (runs, n). `floor`: largest error of a value because of finite steps and samples.
-    `errors` (runs, n): an error of the model in each run, in units of its share; or None."""
+    """One signal at the times `grid` from the first contact: its measured values (n,), and its
+    values in the runs (runs, n). `floor`: largest error of a value because of finite steps and
+    samples. `errors` (runs, n): an error of the model in each run, in units of its share; or
+    None."""
 
     model: SignalModel
     grid: Floats

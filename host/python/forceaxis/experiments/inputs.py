@@ -36,7 +36,7 @@ class Inputs:
 @cache
 def numeric_keys() -> Mapping[str, Mapping[str, str]]:
     """Returns {first word of an override: {key with a number: unit}} for the keys of an experiment
-    file, "experiment", and for those of its table [verdict], "verdict"."""
+    file, "experiment", and for the keys of its table [verdict], "verdict"."""
     tables = {table["path"]: table["keys"] for table in _core.experiment_format()}
     return {
         room: {key["key"]: key["unit"] for key in keys if key["form"] in ("number", "integer")}

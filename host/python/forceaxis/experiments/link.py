@@ -321,7 +321,7 @@ def run_many(
     progress: Callable[[int, int], None] | None = None,
 ) -> "list[_core.RunOutcome]":
     """Runs pairs (experiment, overrides) one after another over the connection `link`. The results
-    have the form of those of _core.run_many.
+    have the same form as the results of _core.run_many.
 
     progress: function that receives (number of finished runs, number of all runs). Raises
     InputError, LinkError, SimulationError.

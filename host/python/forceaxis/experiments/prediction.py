@@ -98,9 +98,8 @@ class TouchArea:
         return self.touch_s - self.period_s
 
     def late_s(self, time_s: Floats, force: Floats) -> float:
-        """Returns the time in s by which the first contact of a run is later than that of the
-        recording.
-        """
+        """Returns the time in s from the first contact of the recording to the first contact of a
+        run."""
         inside = (time_s > self.from_s - 1e-9) & (time_s < self.to_s + 1e-9)
         area = float(force[inside].sum()) * self.period_s
         most = self.to_s - self.from_s

@@ -70,7 +70,8 @@ def updated(text: str, examined: Examined) -> str:
 
 
 def rewritten(file: str | Path, text: str, examined: Examined) -> str:
-    """Returns the result of filled() or updated(). The line ends are those of the original text.
+    """Returns the result of filled() or updated(). The result has the line ends of the original
+    text.
 
     Raises InputError if a change outside of [expect] would be needed.
     """

@@ -268,8 +268,8 @@ class Cluster(Workers):
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
 ) -> "list[_core.RunOutcome]":
-    """Executes runs on a worker, and returns their results. Raises WorkerDiffers if the inputs of
-    the worker differ from those of the process that has started the sweep."""
+    """Executes runs on a worker, and returns their results. Raises WorkerDiffers if the worker and
+    the process that has started the sweep have different inputs."""
     import socket
 
     where = f"worker on {socket.gethostname()}"
@@ -305,8 +305,8 @@ def runner_at(
     outcome_of: Callable[["_core.RunOutcome"], T],
     what: str = "sweep",
 ) -> Iterator[Runner[T]]:
-    """Context manager that returns the runner for `site`. The other arguments are those of Journal
-    and Runner. Raises InputError if the folder contains other runs, and ParameterError for a wrong
+    """Context manager that returns the runner for `site`. Journal and Runner define the other
+    arguments. Raises InputError if the folder contains other runs, and ParameterError for a wrong
     scheduler."""
     with contextlib.ExitStack() as stack:
         place: Place = (

@@ -29,7 +29,7 @@ PROFILE_FORCE = 4  # mode of operation "profile force"
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Returns the plot of a run. The rows and the time range are those of the table [plot].
+    """Returns the plot of a run. The table [plot] defines the rows and the time range.
 
     Without this table, the plot shows position, measured force and output voltage of the whole run.
     Objects are omitted if a run over a connection does not trace them. `codes`: True to show codes

@@ -59,7 +59,7 @@ def write_plant(
     model, values, seed = source, dict(overrides), 0
     content = toml.read(source)
     if "model" in content:
-        _core.inputs(source)  # raises InputError if the experiment file has errors
+        _core.inputs(source)  # this call raises InputError if the experiment file has errors
         model = source.parent / str(content["model"])
         values = dict(content.get("set", {})) | values
         seed = int(content.get("seed", 0))
@@ -68,7 +68,7 @@ def write_plant(
     shared = content.get("parameters_file")
     if isinstance(shared, str) and (model.parent / shared).is_file():
         resources[shared] = (model.parent / shared).read_bytes()
-    _core.Plant(model, values)  # raises InputError that names the file of the user
+    _core.Plant(model, values)  # this call raises an InputError that names the file of the user
     facts = {"kind": "plant", "model": model.name, "seed": seed, "set": values}
     title = str(content.get("title", model.stem))
     return _write(facts, resources, source, title, version, out)
@@ -163,8 +163,8 @@ def _write(
 
 
 def _libraries(version: Version) -> dict[str, bytes]:
-    """Returns the libraries of a co-simulation unit by their paths below `binaries`: that of this
-    machine, and that of Windows if it was built from the same sources."""
+    """Returns the libraries of a co-simulation unit by their paths below `binaries`: the library
+    for this machine, and the library for Windows if it was built from the same sources."""
     machine = platform.machine()
     folder = LINUX_FOLDERS[version].get(machine, f"{machine}-linux")
     own = LIBRARY.read_bytes()

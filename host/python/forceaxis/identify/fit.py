@@ -26,10 +26,10 @@ WARNED_CORRELATION = 0.95  # smallest correlation of two parameter estimates tha
 WARNED_HALF_WIDTH = math.log(2)
 # Below this ratio of the singular values of the Jacobian, parameters are not distinguishable.
 LEAST_SINGULAR_RATIO = 1e-7
-# A smaller relative change of the response does not count as an effect of a parameter.
+# Smallest relative change of the response that counts as an effect of a parameter.
 LEAST_EFFECT = 1e-9
 # If the chi-square of a fit has a smaller probability, other start values are tried.
-# If its probability stays smaller, the fit is rejected.
+# If the probability of the chi-square of a fit stays smaller, the fit is rejected.
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of further start values that a search tries after a bad fit
 # Fields of a Measurement that are arrays. The arrays have the same names in response.npz.
@@ -66,8 +66,8 @@ class ParameterFit:
 
     @property
     def p_value(self) -> float:
-        """Returns the probability that the chi-square of a correct model is at least as large as
-        that of this fit."""
+        """Returns the probability that the chi-square of a correct model is at least the chi-square
+        of this fit."""
         return chi_square_tail(self.chi_square, self.dof)
 
     @property
@@ -144,7 +144,7 @@ class FitProblem:
     def search(self, begin: Reals) -> optimize.OptimizeResult:
         """Searches for the logarithms of the parameters with the best fit. The first search uses
         the residuals of coarse(), which converge from distant start values. The second search uses
-        those of likelihood()."""
+        the residuals of likelihood()."""
         low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
         options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
@@ -446,7 +446,7 @@ def starts_of(
     texts: Sequence[str], measured: Measurement
 ) -> tuple[dict[str, float], dict[str, str]]:
     """Returns ({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START. Without
-    START, the start value is that of the model. Raises ParameterError."""
+    START, the value of the model is the start value. Raises ParameterError."""
     known = linear.facts(measured.model, measured.overrides).parameters
     starts: dict[str, float] = {}
     for text in texts:

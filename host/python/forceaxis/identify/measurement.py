@@ -18,7 +18,7 @@ Complexes = NDArray[np.complex128]
 
 # Probability with which each confidence interval or band contains the true value.
 CONFIDENCE = 0.95
-COHERENT = 0.9  # A point of the response with a larger coherence counts as coherent.
+COHERENT = 0.9  # coherence above which a point of the response counts as coherent
 # The magnitude counts as constant in an octave up to this relative spread of its values.
 FLAT_SPREAD = 0.1
 

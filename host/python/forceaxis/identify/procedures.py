@@ -28,7 +28,7 @@ START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 START_SHARE = 0.9
 # Smallest fraction of the variance of a recording that the fitted ring-down has to explain.
 LEAST_EXPLAINED = 0.5
-# A larger ratio of the noise density near the vibration to that of white noise causes a warning.
+# Ratio of noise density near the vibration to density of white noise that causes a warning.
 WARNED_NOISE_RATIO = 4
 
 
@@ -299,8 +299,8 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Returns three variances of a sample of a free vibration, and a flag. The variances are those
-    of white noise, of noise near the frequency of the vibration, and of rounding.
+    """Returns three variances of a sample of a free vibration, and a flag. The variances belong to
+    white noise, to noise near the frequency of the vibration, and to rounding.
 
     The flag is True if the second variance is clearly larger than the first.
 

@@ -23,7 +23,7 @@ from forceaxis.linear.plant_facts import Overrides
 # With a smaller damping ratio, a peak is narrower than the spacing of the measured frequencies.
 # With a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
-# Largest ratio between the fitted frequency of a resonance and that of the peak in the data.
+# Largest ratio of the fitted frequency of a resonance to the frequency of its peak in the data.
 FREQUENCY_RATIO = 1.3
 
 
@@ -256,7 +256,7 @@ def _match(
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
     """Returns the resonances of the model. The rows of `pairs` are (frequency in Hz, damping
-    ratio): first those of all peaks, and then those of all troughs that are not None."""
+    ratio): first for all peaks, and then for all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))

@@ -137,7 +137,7 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-# A body counts as stuck if it sticks for more than this fraction of the time.
+# STUCK_SHARE: largest fraction of the time for which a body sticks and does not count as stuck.
 # Every body sticks for a moment when the direction of its motion changes.
 STUCK_SHARE = 0.01
 
@@ -209,7 +209,7 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
 
 
 def figure(done: MeasurementResult[Summary]) -> Figure:
-    """Returns the plot of the measured response together with that of the linear model."""
+    """Returns a plot of the measured response and the response of the linear model."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)

@@ -1,5 +1,5 @@
-"""The general force law of the firmware as a linear system. Its coefficients are those of a filter
-bank (firmware/core/force_law.h).
+"""The general force law of the firmware as a linear system. A filter bank contains its coefficients
+(firmware/core/force_law.h).
 
     u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
 
@@ -81,8 +81,8 @@ class Bank:
 
     def response(self, z: ArrayLike) -> Matrix:
         """Returns the transfer function of the force law without its gain, I H_1 .. H_n, at complex
-        points z. I is the transfer function of the integral, and H_1 .. H_n are those of the
-        second-order sections. The result has the shape of z."""
+        points z. I is the transfer function of the integral, and H_1 .. H_n are the transfer
+        functions of the second-order sections. The result has the shape of z."""
         z = np.asarray(z, complex)
         back = 1 / z
         value: Matrix = 1 + self.integral_rad_per_s * TICK_S / (1 - back)

@@ -89,7 +89,7 @@ def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
     # Newton's iteration converges here, because every start value is close to a root.
-    # If it does not converge, the program has a defect.
+    # If the iteration does not converge, the program has a defect.
     raise ArithmeticError("a root of the beam did not converge")
 
 
@@ -163,8 +163,8 @@ class Beam:
 
     def poles(self, count: int) -> Matrix:
         """Returns the poles of the transfer function from force to velocity in 1/s, in the shape (1
-        + 2 count,). The first pole is 0, that of the rigid body. A pair of poles for each of the
-        first `count` bending modes follows, in ascending order."""
+        + 2 count,). The first pole is 0 and belongs to the rigid body. A pair of poles for each of
+        the first `count` bending modes follows, in ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
@@ -217,7 +217,7 @@ class Beam:
         # identity for the response of the tip: 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        # np.where computes the formula for small |z| and that for large |z|.
+        # np.where computes both formulas: the one for small |z| and the one for large |z|.
         # The formula that np.where does not select may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
             # This formula for small |z| is exact to all digits near z = 0.
@@ -297,8 +297,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class LumpedBeam:
-    """Lumped-parameter beam in bending. With one element, the model is that of Figure 2.24 of the
-    thesis.
+    """Lumped-parameter beam in bending. Figure 2.24 of the thesis shows the model with one element.
 
     The model has one mass that slides without turning, and masses that move and turn. A massless
     bending element joins each mass to the previous one. The tip is `tip_offset_m` beyond the centre

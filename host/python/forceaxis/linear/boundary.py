@@ -15,7 +15,7 @@ from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
 # The search for controllable states builds orthogonal directions from vectors.
-# The new part of a vector is a rounding error if it is smaller than this, relative to the vector.
+# Size of the new part of a vector, divided by the vector, below which it is a rounding error.
 DIRECTION_SHARE_MIN = 1e-15
 
 

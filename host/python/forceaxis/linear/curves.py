@@ -236,7 +236,7 @@ def model_curve(
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
     """Returns the unit of a frequency response, such as "N/V": the unit of the output divided by
-    that of the input. Returns "" if both units are equal. `settings`: {parameter of the model:
+    the unit of the input. Returns "" if both units are equal. `settings`: {parameter of the model:
     value}."""
     facts = linear.facts(model, settings)
     if output == "reading":

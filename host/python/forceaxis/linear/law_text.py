@@ -59,7 +59,7 @@ def described_keys() -> str:
 
 def parse_law(text: str) -> LawText:
     """Reads a control law from a text of the form NAME, NAME:KEY=VALUE,... or KEY=VALUE,... Does
-    not check whether the law has these keys, because the law may be that of an experiment.
+    not check whether the law has these keys, because the law may belong to an experiment.
 
     Raises ParameterError for the parameter `law` if the text has another form, or names a law or a
     key that does not exist.

@@ -316,7 +316,7 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
 
 def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
     """Returns the step response of a force loop at a gain k, together with a description of the
-    loop. Arguments and errors are those of step_response()."""
+    loop. Arguments and errors are the same as for step_response()."""
     return StepResult(
         loop=AnalysedLoop.of(loop),
         gain=gain,

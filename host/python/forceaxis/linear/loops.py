@@ -284,8 +284,8 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """Returns the name of the signal that is the time derivative of the force `signal`. The force
-    is that of a spring or contact."""
+    """Returns the name of the signal that is the time derivative of the force `signal`. It is the
+    force of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
@@ -297,8 +297,8 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """Returns the velocity gain K_v in V s/m: that of the control law, or that of its filter
-    bank."""
+    """Returns the velocity gain K_v in V s/m: the velocity gain of the control law, or of its
+    filter bank."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S

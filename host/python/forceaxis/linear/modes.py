@@ -39,9 +39,9 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# A residue counts as 0 if it is smaller than this, relative to the sum of all residues.
+# Largest residue that counts as 0, divided by the sum of all residues.
 NO_RESIDUE = 1e-9
-# A mode is rigid if its frequency is below this ratio to the highest frequency of all modes.
+# Largest frequency of a rigid mode, divided by the highest frequency of all modes.
 # The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
 # Below this magnitude in rad/s, all poles count as equally similar to a mode at 0 Hz.
@@ -351,8 +351,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """Returns {index of a mode of vibration: index of its pole}. The pole is the one that is most
-    similar to the mode in displacements and frequency."""
+    """Returns {index of a mode of vibration: index of its pole}. The displacements and the
+    frequency of this pole are most similar to the mode."""
     x = [system.states.index(f"{name}.position") for name in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)

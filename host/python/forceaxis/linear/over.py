@@ -383,7 +383,7 @@ class WorstSearch:
     def quick(self, names: Collection[str] = tuple(FIGURES)) -> Worst:
         """Returns the worst bandwidth and margins. For a loop with one code in the period after
         which its ticks repeat, their relative error is about 1e-8. For a loop with several codes in
-        this period, they are those of exact(). `names`: as in exact()."""
+        this period, returns the result of exact(). `names`: as in exact()."""
         if self._loops is None or self._found is None:
             return _worst(self._group, self._group)
         if not self._loops.responses.is_exact:
@@ -395,8 +395,8 @@ class WorstSearch:
 
     def mean_age(self) -> Worst:
         """Returns the worst bandwidth and margins with the mean age of the readings, for a loop
-        with several codes in the period after which its ticks repeat. For other loops, they are
-        those of quick()."""
+        with several codes in the period after which its ticks repeat. For other loops, returns the
+        result of quick()."""
         if self._loops is None or self._found is None or self._loops.responses.is_exact:
             return self.quick()
         return _worst(self._group, self._group)

@@ -482,7 +482,7 @@ class FreeLoop(Loop):
             return best
         orders = len(limits) // PHASES
         for order in range(orders):
-            # The newest readings of this order of samples are the third entry of the next order.
+            # The next order of samples has the newest readings of this order as its third entry.
             newest = limits[PHASES * ((order + 1) % orders) + 2]
             three = limits[PHASES * order], limits[PHASES * order + 1], newest
             points = [(at, _stable_to(one)) for at, one in zip((0, 0.5, 1), three, strict=True)]

@@ -249,7 +249,7 @@ class PlantFacts:
 
     def moving_kg(self, still: str | None = None) -> float:
         """Returns the mass in kg of all bodies and structures except the point `still`. The mass of
-        a structure is that of its first mode at the port that this mode moves most."""
+        a structure is the mass of its first mode at the port that this mode moves most."""
         bodies = sum(kg for body, kg in self.masses_kg.items() if body != still)
         return bodies + sum(s.apparent_kg for s in self.structures if still not in s.ports)
 

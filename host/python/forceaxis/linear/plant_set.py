@@ -139,7 +139,7 @@ def _spans(over: Iterable[str], known: Iterable[str]) -> Iterator[tuple[str, str
 def ranges_beside(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], posterior.Posterior | None]:
-    """Returns (ranges, posterior). The ranges are those of ranges_of(), except those that the
+    """Returns (ranges, posterior). The ranges come from ranges_of(), except the ranges that the
     posterior gives. Raises ParameterError or InputError."""
     texts = [part for given in over for part in given.split(",")]
     files = [text for text in texts if posterior.is_posterior(text)]
@@ -155,9 +155,9 @@ def ranges_beside(
 def set_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> tuple[dict[str, Range], tuple[dict[str, float], ...]]:
-    """Returns (ranges, plants). The ranges are those of ranges_beside(). Each plant is {parameter:
-    SI value}, and together the plants stand for 95 % of the posterior. Without a posterior, they
-    are ({},). Raises ParameterError or InputError."""
+    """Returns (ranges, plants). The ranges come from ranges_beside(). Each plant is {parameter: SI
+    value}, and together the plants stand for 95 % of the posterior. Without a posterior, they are
+    ({},). Raises ParameterError or InputError."""
     ranges, found = ranges_beside(model, over, overrides)
     return ranges, found.plants() if found else ({},)
 

@@ -55,13 +55,13 @@ class LoopRequest:
         return settings.of(self.model, self.overrides, plant)
 
     def law_of(self, own: ModelSettings) -> FirmwareLaw:
-        """Returns the control law of the request. Without one, returns that of `own`, the settings
-        of the experiment."""
+        """Returns the control law of the request. If the request has none, returns the control law
+        of `own`, the settings of the experiment."""
         return self.firmware_law or own
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """Returns the specification of the force loop. Fields that the request sets replace those
-        of `own`, the settings of the experiment."""
+        """Returns the specification of the force loop. Fields that the request sets replace the
+        fields of `own`, the settings of the experiment."""
         firmware = self.law_of(own)
         law = self.law or firmware.law
         return LoopSpec(

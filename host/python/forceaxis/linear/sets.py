@@ -235,7 +235,8 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states, together)
     found = LoopSet(plants, timings, spec, gain, force_gain)
-    one_gain(found.nominal(), gain, force_gain)  # Raises ParameterError if a gain is out of range.
+    # This call raises ParameterError if a gain is out of range.
+    one_gain(found.nominal(), gain, force_gain)
     return found
 
 

@@ -82,7 +82,7 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Container[str]) -> bool:
-    """Returns True if `table`, the content of a file, is that of an experiment: a file that names a
+    """Returns True if `table`, the content of a file, belongs to an experiment: a file that names a
     model and a run."""
     return "model" in table and "duration_s" in table
 

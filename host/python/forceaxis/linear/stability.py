@@ -25,13 +25,13 @@ from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
 # Largest relative change of a crossing's gain that rounding of the matrix entries may cause.
-# A crossing of the stability boundary with a larger change of its gain is not reported.
+# Crossings of the stability boundary with a larger change of the gain are not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a force loop that is analysed
-# Gains below this are too small for every useful law, relative to the loop's typical gain.
+# Gain, divided by the loop's typical gain, below which a gain is too small for every useful law.
 # At very small gains, rounding decides whether a loop with two integrators is stable.
 NEGLIGIBLE_GAIN = 1e-9
-# A pole with a smaller magnitude is an integrator, apart from rounding errors.
+# Magnitude in 1/s below which a pole is an integrator, apart from rounding errors.
 SLOWEST_POLE_RAD_PER_S = 1e-3
 # Gains, relative to the typical gain, at which the result "no limit" is checked.
 CHECKED_GAINS = 10.0 ** np.arange(-10, 7)

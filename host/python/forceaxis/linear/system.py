@@ -195,8 +195,8 @@ class System:
         return values.reshape(s.shape + values.shape[1:])
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Returns the frequency response at frequencies in Hz. The result has the shape of that of
-        at()."""
+        """Returns the frequency response at frequencies in Hz. The result has the same shape as the
+        result of at()."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 

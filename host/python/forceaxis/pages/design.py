@@ -56,8 +56,8 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
 
 def loop_gain(loop: Loop, gain: float, frequency_hz: Samples) -> Response:
     """Returns the loop gain L as a frequency response. If the phase of the sensor's samples is not
-    known, L is that with the oldest readings. For a loop with several codes in the period of its
-    ticks, L is computed from the component of S at the frequency of the disturbance."""
+    known, L is computed with the oldest readings. For a loop with several codes in the period of
+    its ticks, L is computed from the component of S at the frequency of the disturbance."""
     oldest = loop.each[0] if isinstance(loop, FreeLoop) else loop
     if isinstance(oldest, PeriodicLoop):
         return np.asarray(1 / oldest.sensitivity_at(gain, frequency_hz) - 1, complex)

@@ -18,7 +18,7 @@ from forceaxis.words import counted
 if TYPE_CHECKING:
     from can import Message
 
-HEAD_BYTES, HEAD_LINES = 1 << 14, 40  # of a file from which its kind is found
+HEAD_BYTES, HEAD_LINES = 1 << 14, 40  # size of the part of a file from which its kind is found
 # Lines of `candump -l`, and of candump on a screen
 LOG_LINE = re.compile(
     r"\((?P<time>\d+\.\d+)\) +(?P<bus>\S+) +(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})"
@@ -36,7 +36,7 @@ ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+[0-9A-Fa-f]+x?|CANFD\s+\d+)\s.*?\b
 IS_ERROR = 0x20000000  # bit of the identifier that candump shows for an error frame
 LATEST_NS = 1 << 62
 EXTENDED_DIGITS = 8
-FALLS_SHARE = 0.1  # above this share of falling times, the times are differences
+FALLS_SHARE = 0.1  # share of falling times above which the times are regarded as differences
 
 
 class FrameKey(NamedTuple):

@@ -30,11 +30,12 @@ NODE = re.compile(r"(?P<node>\d+)=(?P<file>.+)$")
 # (name, first object with the identifier, first object with the mapping, first identifier)
 PDOS = (("TPDO", 0x1800, 0x1A00, 0x180), ("RPDO", 0x1400, 0x1600, 0x200))
 RECEIVED = ".RPDO"
-PDO_COUNT, PREDEFINED = 512, 4  # PDOs of a node, and those with a predefined identifier
-PDO_STEP = 0x100  # between the predefined identifiers of PDOs
+# number of PDOs of a node, and number of PDOs with a predefined identifier
+PDO_COUNT, PREDEFINED = 512, 4
+PDO_STEP = 0x100  # difference between two predefined identifiers of PDOs
 # Parts of the identifier of a PDO
 OFF, EXTENDED, NUMBER_BITS = 1 << 31, 1 << 29, (1 << 29) - 1
-FIRST_OBJECT = 0x20  # a smaller index in a mapping leaves bits free
+FIRST_OBJECT = 0x20  # a mapping entry with a smaller index leaves its bits unused
 SIGNED = (0x02, 0x03, 0x04, 0x10, 0x12, 0x13, 0x14, 0x15)  # data types of CiA 301
 FLOATS = (0x08, 0x11)
 NUMBERS = (0x01, *SIGNED, *FLOATS, *range(0x05, 0x08), 0x16, *range(0x18, 0x1C))

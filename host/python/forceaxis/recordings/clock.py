@@ -69,7 +69,7 @@ class Clock:
     values: Floats = field(repr=False)  # NaN where there is no time
     base: Fraction = Fraction(0)
     lines: Sequence[int] = field(repr=False, default=())
-    is_text: bool = False  # True: clock times, whose unit is s whatever a user says
+    is_text: bool = False  # True for clock times; their unit is s, whatever a user says
 
     def place(self, sample: int) -> str:
         """Returns the place of a time in its file as text for messages."""
@@ -252,7 +252,7 @@ def _equal_forms(texts: Sequence[str], reader: ClockReader) -> NDArray[np.int64]
     if numbers.min() < 0 or numbers.max() > 9:
         return None
     tens = [found.span(key)[0] for key in ("minute", "second") if found[key]]
-    if (codes[:, tens] > ord("5")).any():  # the other way reports the line
+    if (codes[:, tens] > ord("5")).any():  # another function reports the wrong line
         return None
     start_ns = reader.time_ns(0, first)
     steps = numbers @ weights_ns[digits]

@@ -30,8 +30,9 @@ LEAST_ROWS = (8, 2, 1)
 KEPT_ROWS = 400  # number of first rows of a section that are kept for the judgement of its columns
 KEPT_LINES = 20_000  # largest number of lines above a section that are kept
 QUICK_LINES = 20_000  # number of lines that are read at once inside a section
-SKIPPED_MOST = 2_000  # largest number of lines inside a section that may be no rows
-EXACT_DIGITS = (36, 12)  # digits of exact numbers: all, and behind the decimal sign
+SKIPPED_MOST = 2_000  # largest number of lines in a section that are not rows
+# number of digits of an exact number: in total, and behind the decimal sign
+EXACT_DIGITS = (36, 12)
 NUMBER, CLOCK, TEXT, EMPTY = "number", "clock", "text", "empty"  # kinds of a column
 # first fields of the lines above the numbers in an export of TwinCAT Scope
 SCOPE_KEYS = ("Name", "SymbolName", "SymbolComment", "Unit", "SampleTime[ms]", "Data-Type")
@@ -57,7 +58,7 @@ class Section:
     kinds: list[str]
     widths: tuple[int, int]  # number of fields of a row without and with remarks at its end
     header: list[Line]  # lines above the first row
-    groups: frozenset[int]  # begins of groups of columns that may end before the others
+    groups: frozenset[int]  # first columns of those groups that may end before other groups
     rows: int = 0
     width: int = 0  # number of fields of the last row
     widest: int = 0  # largest number of fields of a row, with remarks at its end
@@ -68,7 +69,8 @@ class Section:
     skipped: list[Line] = field(default_factory=list)  # lines inside the section that are no rows
     # (row, line number) of each row that does not stand below the row before it
     starts: list[tuple[int, int]] = field(default_factory=list)
-    blanks: set[int] = field(default_factory=set)  # lines inside with separators alone
+    # numbers of the lines in the section that contain only separators
+    blanks: set[int] = field(default_factory=set)
     doubt: str = ""  # what is wrong with the last row if the file was cut off
 
     def __post_init__(self) -> None:
@@ -167,7 +169,7 @@ class Section:
         return line + row - start
 
     def append(self, other: "Section") -> None:
-        """Appends the rows of a section that continues this one."""
+        """Appends the rows of a section that continues this section."""
         self.starts += [(self.rows + row, line) for row, line in other.starts]
         self.skipped += [*other.header, *other.skipped]
         self.blanks |= other.blanks

@@ -26,7 +26,7 @@ NUMBERS = {
 HEXADECIMAL = re.compile(r"0[xX][0-9a-fA-F]{1,12}$")
 SWITCHES = {"true": 1.0, "false": 0.0}
 MISSING = ("", "nan", "-nan", "null", "none", "na", "n/a", "-", "--", "---", "#n/a")
-# Words of a converter that was outside its range. Such a field has no number.
+# Words with which a program states that a converter was outside its range. The field has no number.
 OVER_RANGE = ("∞", "+∞", "-∞", "inf", "+inf", "-inf", "infinity", "-infinity", "ovld", "overflow")
 # A number beside another number in one field: the field was split by the wrong character.
 JOINED = re.compile(r"\d\"?\s*[;,|\t :]\s*\"?[-+.\d]")
@@ -269,7 +269,7 @@ def dialect_of(path: Path, separator: str | None = None) -> Dialect:
             for decimal in (".", ",")  # with commas between the columns, numbers may have quotes
         )
     ]
-    # The dialect with most numbers is selected; among equals, that with most columns.
+    # The dialect with most numbers is selected. If two have equally many, more columns decide.
     (score, _), _, best = max(found, key=lambda one: one[:2])
     if score <= 0:
         raise InputError(

@@ -11,14 +11,14 @@ from forceaxis.recordings.robust import BLOCK_SAMPLES, blocks
 from forceaxis.recordings.signal_recording import Floats, SignalFinding, SignalHeader
 from forceaxis.words import counted
 
-# A distance between two samples that is above this multiple of the sampling period is a gap.
+# Distance of two samples, in sampling periods, above which a gap is between the samples.
 GAP_PERIODS = 1.6
-# A jump is a step between two samples that is this many times as large as each step around it.
+# Smallest size of a jump between two samples, divided by the largest step around the jump.
 # A step is a jump only if it is also at least JUMP_SHARE of the range of all values.
 JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
 # smallest number of successive samples at an end of the range that count as saturation
 SATURATED_SAMPLES = 3
-# A signal that reaches its largest value with a step of this many quanta is cut off there.
+# Smallest step, in quanta, with which a signal that is cut off reaches its largest value.
 SATURATED_QUANTA = 3.0
 # Smallest length in samples of a constant interval that is reported as unusual.
 # CONSTANT_FACTOR: smallest ratio of this length to the usual length of constant intervals.
@@ -133,8 +133,8 @@ def saturations(
 ) -> Iterator[SignalFinding]:
     """Yields a finding for each interval at the largest or smallest value, if the signal both
     enters and leaves it with a steep step. A converter at an end of its range causes such an
-    interval. The value with which the signal begins is that of a machine at rest, and a force of 0
-    is that without contact."""
+    interval. A signal begins with the value of a machine at rest. A force of 0 means that there is
+    no contact."""
     rests = [0.0] if name == "force" else []
     if np.all(values[:SATURATED_SAMPLES] == values[0]):
         rests.append(float(values[0]))
@@ -171,7 +171,7 @@ def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:
 
 def _median_length(lengths: NDArray[np.int64], count: int) -> float:
     """Returns the median, over `count` samples, of the length of the interval of equal values in
-    which a sample is. `lengths`: those of the intervals of two samples or more."""
+    which a sample is. `lengths`: lengths of the intervals of two samples or more."""
     known, times = np.unique(lengths, return_counts=True)
     ends = count - int(lengths.sum()) + np.cumsum(known * times)  # samples in intervals so long
     known, ends = np.append(1, known), np.append(count - int(lengths.sum()), ends)

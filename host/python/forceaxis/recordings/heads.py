@@ -67,7 +67,7 @@ class Heads:
     kind: str = "CSV"
     names: Line | None = None
     units: Line | None = None
-    # number of samples that the header states, and where it does
+    # number of samples that the header states, and the place of this number in the header
     count: tuple[int, str] | None = None
     notes: list[str] = field(default_factory=list)
     refused: Line | None = None  # line with more names than the rows have fields
@@ -75,8 +75,8 @@ class Heads:
 
 
 def heads_of(section: Section, before: Heads | None) -> Heads:
-    """Returns the heads of the columns of a section. `before`: those of the section above it, whose
-    names are also those of this section if it has none of its own."""
+    """Returns the heads of the columns of a section. `before`: the heads of the section above. This
+    section has the same names if it has none of its own."""
     lines = [_without_comment(section, line) for line in section.header]
     scope = {line.cells[0]: line for line in lines if line.cells and line.cells[0] in SCOPE_KEYS}
     if "Name" in scope or "SymbolName" in scope:
@@ -85,7 +85,7 @@ def heads_of(section: Section, before: Heads | None) -> Heads:
     keys, side = _keys_of(lines), _keys_beside(section)
     found = _keyed_heads(section, keys, width) or _named_heads(section, lines, width)
     has_none = found.names is None and found.refused is None
-    # Names of a table with more columns may be those of any columns.
+    # If a table has more columns than names, the names may belong to any of the columns.
     if has_none and before is not None and len(section.kinds) >= len(before.heads) >= width:
         found = replace(before, notes=[])
     found.count = _count_of(keys | side)
@@ -125,7 +125,7 @@ def _is_wide(line: Line, section: Section, width: int) -> bool:
         cells = cells[:-1]
     if len(cells) < max(section.core, 1):
         return False
-    # Columns without texts in this line must have none at its end, where a column may be missing.
+    # If this line is too short, the columns that it lacks at its end must not contain numbers.
     if len(cells) < width and any(kind == NUMBER for kind in section.kinds[len(cells) : width]):
         return False
     known = [cell for cell in cells[:width] if cell]
@@ -208,7 +208,7 @@ def _lines_of(
     section: Section, wide: Sequence[Line], width: int
 ) -> tuple[Line | None, Line | None]:
     """Returns (line of the names, line of the units) of the lines above the rows. If one of the
-    last lines names the times, it is that of the names."""
+    last lines names the times, this line has the names."""
     if not wide:
         return None, None
     above = wide[-HEAD_LINES:]
@@ -238,7 +238,7 @@ def _has_key(section: Section, line: Line) -> bool:
 def _keyed_heads(
     section: Section, keys: Mapping[str, tuple[Line, list[str]]], width: int
 ) -> Heads | None:
-    """Returns heads with names that stand behind a key, if the first column is that of the keys."""
+    """Returns heads with names that stand behind a key, if the keys are in the first column."""
     key = next((k for k in CHANNEL_NAMES if k in keys), None)
     if key is None or section.kinds[0] != EMPTY:
         return None

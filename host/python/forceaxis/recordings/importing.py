@@ -24,10 +24,10 @@ from forceaxis.recordings.units import factor_of, hint_of, is_unit, si_unit_of, 
 from forceaxis.words import counted, suggestion
 
 NAME = re.compile(r"[a-z][a-z0-9_.]*$")
-# Commas between two maps; other commas belong to the name of a column.
+# A comma between two maps separates them. Other commas belong to the name of a column.
 BETWEEN_MAPS = re.compile(r",(?=\s*[A-Za-z][\w.]*=)")
 DELAY_MAX_S = 1.0
-# Signals are of one clock if no more than this multiple of the longest one is between them.
+# Largest pause between two signals of one clock, divided by the duration of the longest signal.
 APART = 10.0
 
 
@@ -70,7 +70,7 @@ class Imported:
 
 
 def maps_of(text: str) -> list[str]:
-    """Returns the single maps in a text of several ones that are separated by commas. A column may
+    """Returns the single maps in a text of several maps that are separated by commas. A column may
     have commas in its name."""
     return [one.strip() for one in BETWEEN_MAPS.split(text) if one.strip()]
 
@@ -258,7 +258,8 @@ def _signal(
 
 
 def _on_clock(signal: RecordedSignal, others: Sequence[RecordedSignal]) -> RecordedSignal:
-    """Returns a signal with the times of another one that has the same, or with its own clock."""
+    """Returns a signal with the times of another signal that has the same times, or with its own
+    clock."""
     alike = next((o for o in others if np.array_equal(o.time_s, signal.time_s)), None)
     if alike is not None:
         return replace(signal, clock=alike.clock, time_s=alike.time_s)

@@ -31,7 +31,7 @@ STAMPS = ("header.stamp_ns", "stamp_ns", "timestamp_ns", "header.timestamp_ns")
 MOST_ITEMS = 64  # largest number of items of a list that become columns
 LARGEST_INTEGER = 1 << 62
 ASCENDING_SHARE = 0.9  # smallest share of the steps of a time that are not negative
-NEAR_S = 86400.0  # a time since 1970 differs from the time of the log by less than this
+NEAR_S = 86400.0  # largest difference between a time since 1970 and the time of the log
 Decoder = Callable[[bytes], object]
 
 
@@ -71,7 +71,7 @@ def read_messages(path: Path) -> Source:
 
 def _time_of(channel: str, columns: log_tables.Table, notes: list[str]) -> tuple[str, str | None]:
     """Returns (column with the times of a channel, its unit if its name does not state it). A time
-    that a message states is preferred to that at which it was recorded."""
+    that a message states is preferred to the time at which the message was recorded."""
     if LOG_TIME not in columns:
         known = (*TIME_NAMES, "utime_us", "received_wall_us")
         return next((name for name in known if name in columns), ""), None

@@ -24,9 +24,9 @@ from forceaxis.words import plain
 ModelErrors: TypeAlias = Mapping[str, ModelError]  # {signal: its error}
 
 KINDS = ("drive", "force", "position")  # what may have an error of the model
-UNITS = {"drive": "N", "force": "N", "position": "m"}  # units of the sizes of these errors
-SHARE_MAX = 0.5  # largest error that can be given, as a share of the signal
-CORRELATION_S = 0.01  # correlation time in s of an error that is given without it
+UNITS = {"drive": "N", "force": "N", "position": "m"}  # units of the sizes of the errors
+SHARE_MAX = 0.5  # largest error in a request, as a share of the signal
+CORRELATION_S = 0.01  # correlation time in s of an error, if the request does not state it
 KNOTS = 40  # number of times between which an error is interpolated
 SMOOTH = 200  # number of times at which the path of the force is measured
 NONE = "0"  # text of an option that excludes an error of the model

@@ -12,21 +12,24 @@ from numpy.typing import NDArray
 
 from forceaxis.recordings.signal_recording import Floats
 
-NORMAL_SCALE = 1.4826  # standard deviation of normal values, in median deviations
-# An outlier is more than this many standard deviations of the noise, and of its smallest steps,
-# away from the median. If more than OUTLIER_SHARE of the values are, the signal is not at rest.
+# standard deviation of normally distributed values, divided by their median deviation
+NORMAL_SCALE = 1.4826
+# An outlier is farther from the median than OUTLIER_DEVIATIONS standard deviations of the noise.
+# An outlier is also farther from the median than OUTLIER_DEVIATIONS of the smallest steps.
+# If more than OUTLIER_SHARE of the values are outliers, the signal is not at rest.
 OUTLIER_DEVIATIONS, OUTLIER_SHARE = 8.0, 0.125
-# A spike leaves the signal and comes back to it within so many samples, which are equal, because
-# some programs repeat a sample. Both steps are SPIKE_FACTOR times as large as each of the four
-# steps on either side, and as large as the difference between the samples on both sides, and at
-# least SPIKE_SHARE of the range of all other values.
+# A spike leaves the signal and comes back to it. It has at most SPIKE_SAMPLES samples.
+# The samples of a spike are equal, because some programs repeat a sample.
+# Both steps of a spike are SPIKE_FACTOR times as large as each of the four steps on either side.
+# Both are also SPIKE_FACTOR times as large as the difference of the samples before and after it.
+# Both steps are at least SPIKE_SHARE of the range of all other values.
 SPIKE_SAMPLES, SPIKE_FACTOR, SPIKE_NEIGHBOURS, SPIKE_SHARE = 3, 12.0, 4, 0.01
 # A contact of one sample is followed by another contact within RETURN_S, because the axis presses.
-# A single sample without this is a disturbance of the sensor.
-# Such a sample is also a disturbance if it is more than DISTURBED_FACTOR times as large as every
-# force that two successive samples reach.
+# A single sample without another contact within RETURN_S is a disturbance of the sensor.
+# A single sample above DISTURBED_FACTOR times the largest other force is also a disturbance.
+# For the largest other force, only forces that two successive samples reach are counted.
 RETURN_S, DISTURBED_FACTOR = 0.5, 10.0
-BLOCK_SAMPLES = 1 << 20  # samples that are searched at once
+BLOCK_SAMPLES = 1 << 20  # number of samples that are searched at once
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from forceaxis.recordings.heads import Heads
 from forceaxis.recordings.source import Grid, Head
 from forceaxis.recordings.units import is_unit
 
-MARK = ".wfm"  # before the suffix of a file of samples, in lower case
+MARK = ".wfm"  # text before the suffix of the name of a file of samples, in lower case
 KIND = "Rohde & Schwarz"
 STEPS = ("signalresolution", "resolution")  # keys of the step of the times in s
 # (key of the number of samples of an acquisition, key of the time of its first one in s)

@@ -40,7 +40,8 @@ class Grid:
     begin_s: float
     step_s: float
     text: str  # where the source states them, such as "Increment 0.001 of line 2"
-    counter: int | None = None  # place of a column that counts the steps; None: each row is one
+    # place of a column that counts the steps; None: each row is one step
+    counter: int | None = None
     doubt: str = ""  # number of `text` that may have a separator of thousands
 
 
@@ -90,7 +91,8 @@ class Source(abc.ABC):
     notes: list[str]
     count: int | None = None  # number of samples of a recording that the source states
     unread: str = ""  # why the columns have no names, or ""
-    is_whole = False  # True: its times begin once, whatever numbers its columns have
+    # True if the times of the source begin only once, whatever numbers its columns have
+    is_whole = False
 
     @abc.abstractmethod
     def column(self, place: int) -> SourceColumn:
@@ -207,7 +209,7 @@ class ArraySource(Source):
                 f"{self.where}: {self.heads[place].name}: expected numbers, got times of a "
                 "calendar; choose another column"
             )
-        with np.errstate(invalid="ignore"):  # NaN of a damaged file may be one that signals
+        with np.errstate(invalid="ignore"):  # a damaged file may contain a signalling NaN
             values = given.astype(np.float64)
         head = self.heads[place]
         return expect_finite(self.where, SourceColumn(head.name, head.unit, values))
@@ -232,7 +234,7 @@ def array_source(
     units: Mapping[str, str] | None = None,
 ) -> ArraySource:  # fmt: skip
     """Returns arrays in the memory as a source. `times`: {column: column with its times}. `units`:
-    {column: unit}; other units are those at the ends of the names."""
+    {column: unit}; other units are at the ends of the names."""
     places = {name: place for place, name in enumerate(table)}
     heads = [
         Head(

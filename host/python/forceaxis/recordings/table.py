@@ -59,12 +59,12 @@ SIGNAL_NAMES = (*SURE_NAMES, "signal", "signal name", "channel", "channel name",
 # Names, in lower case, of a column with the milliseconds of the clock times in front of it.
 MILLISECONDS = ("ms", "msec", "msecs", "millis", "milli", "millisecond", "milliseconds",
                 "millisekunde", "millisekunden")  # fmt: skip
-# Times that are less exact in the memory than this share of their step are read exactly.
+# Times are read exactly if their rounding error in the memory exceeds this share of their step.
 EXACT_SHARE = 1e-3
 EXACT = Context(prec=200)  # digits of the difference of two times
 LARGEST_TIME = 1e22  # largest magnitude of a time in any unit
 # Two sections with the same columns are one recording if the second continues the first in time.
-# This is the largest number of missing samples between the two sections.
+# CONTINUED_PERIODS: largest number of missing samples between two sections of one recording.
 CONTINUED_PERIODS = 10.0
 
 
@@ -169,7 +169,7 @@ class TableSource(Source):
         rows = self._section.samples
         if any(self._section.dialect.has_sure_decimals(cell) for row in rows for cell in row):
             return
-        broken = np.flatnonzero(values % 1 > 0)  # also of later rows than the kept ones
+        broken = np.flatnonzero(values % 1 > 0)  # the values also belong to rows that are not kept
         at = int(broken[0]) if len(broken) else None
         found = (at, self._cell(place, at)) if at is not None else self._grouped(place)
         if found is None or not GROUPED.match(found[1]):
@@ -446,7 +446,7 @@ def tables_in(path: Path, dialect: Dialect, where: str) -> list[TableSource]:
 
 
 def _continues(section: Section, found: heads.Heads, other: Section) -> bool:
-    """Returns True if the times of another section continue those of a section."""
+    """Returns True if the times of another section continue the times of a section."""
     place = heads.time_place_of(section, found.heads)
     if place is None:
         return False

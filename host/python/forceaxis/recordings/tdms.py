@@ -17,13 +17,15 @@ from forceaxis.errors import expect_package
 from forceaxis.recordings.source import ArraySource, Grid, Head, Source, time_by_name
 from forceaxis.recordings.units import split_name
 
-UNITS = ("unit_string", "NI_UnitDescription")  # properties with the unit of a channel
-# Properties with the times of a waveform
+# names of the properties that state the unit of a channel
+UNITS = ("unit_string", "NI_UnitDescription")
+# Names of the properties that state the times of a waveform
 STEP, OFFSET, START, STEP_UNIT = (
     "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string",
 )  # fmt: skip
-LEAD_BYTES = 28  # of the head of a segment, with the length of the rest
-FIRST_START = np.datetime64("1971-01-01")  # an earlier one means that nobody has set it
+LEAD_BYTES = 28  # size of the head of a segment; the head contains the length of the rest
+# an earlier start time means that nobody has set the start time
+FIRST_START = np.datetime64("1971-01-01")
 REMEDY = "export it as CSV in LabVIEW or DIAdem"
 
 
@@ -98,7 +100,7 @@ def _heads(group: Sequence[Any], first: int, begins_s: dict[str, float]) -> list
 
 def _grid(channel: Any, begin_s: float) -> Grid | None:
     """Returns the times of a waveform, or None if a channel has none. `begin_s`: time of its start
-    after that of the first waveform of the file."""
+    after the start of the first waveform of the file."""
     properties = channel.properties
     step_s, offset_s = properties.get(STEP), properties.get(OFFSET, 0.0)
     is_time = str(properties.get(STEP_UNIT) or "s") == "s"

@@ -27,11 +27,12 @@ RATE_MAX_HZ = 10e6
 # If the times in s begin after this value, they are calendar times (s since 1970).
 LARGE_TIME_S = 1e5
 # Time stamps are coarser than the sampling period if many samples repeat the stamp before them.
-# This is the share of such samples above which the stamps are regarded as coarse.
+# Share of samples with a repeated stamp, above which the time stamps are regarded as coarse.
 COARSE_SHARE = 0.1
-# A restart falls back by at least this many periods, and goes on with steps of at most so many.
+# Times that begin again fall by at least FALL_PERIODS sampling periods.
+# The step of the times after such a fall is at most STEP_PERIODS sampling periods.
 FALL_PERIODS, STEP_PERIODS = 8.0, 3.0
-# A column counts the samples if its steps differ by at most this share.
+# Largest relative difference between the steps of a column that counts the samples.
 EVEN_STEPS = 0.01
 RATED_SAMPLES = 200_000  # largest number of samples from which a rate is computed
 
@@ -285,7 +286,7 @@ class Times:
         return factor
 
     def _expect_grid(self, place: int, time_s: Floats) -> None:
-        """Notes a step of the times that is another one than that which the source states."""
+        """Notes that the step of the times differs from the step that the source states."""
         grid = self._source.heads[place].grid
         known = time_s[:1000][np.isfinite(time_s[:1000])]
         if grid is None or grid.doubt or len(known) < 3:
@@ -344,7 +345,7 @@ class Times:
         news = np.flatnonzero(is_new)
         step_s = float(np.median(np.diff(time_s[news]))) if len(news) > 1 else 0.0
         hint = "export the times with more digits"
-        if len(news) > 2:  # the first and the last stamp may have fewer samples
+        if len(news) > 2:  # the first and the last time stamp may belong to fewer samples
             rate_hz = (news[-1] - news[1]) / (time_s[news[-1]] - time_s[news[1]])
             hint += f", or write `rate` {float(f'{rate_hz:.4g}'):g} for samples at a constant rate"
         first = int(np.flatnonzero(~is_new)[0])
@@ -398,8 +399,8 @@ def restarts(values: Floats) -> list[int]:
 
 
 def rate_of(time_s: Floats) -> float:
-    """Returns the rate of samples in Hz: that of equally spaced times through rounded ones, or the
-    median rate. Digits that are only rounding errors are removed."""
+    """Returns the rate of samples in Hz: the rate of equally spaced times through rounded times, or
+    the median rate. Digits that are only rounding errors are removed."""
     some = time_s[:RATED_SAMPLES]
     steps = np.diff(even_times(some))
     return float(f"{1 / np.median(steps):.9g}")

@@ -19,7 +19,7 @@ LEAST_BEFORE = 8  # smallest number of samples before the first contact
 # A single sample above all of three levels is a contact.
 # Noise alone exceeds the first level in a whole recording with the probability FALSE_ALARM.
 # The first level is a multiple of the standard deviation of the noise.
-# The second level is a share of the largest force, the third one a number of smallest steps.
+# The second level is a share of the largest force. The third level is a number of smallest steps.
 FALSE_ALARM, PEAK_SHARE, QUANTA = 1e-3, 0.005, 1.5
 COARSE_SHARE = 0.5  # largest level from the smallest step, as a share of the largest force
 # The force begins to rise at the last sample below this multiple of the noise before a contact.
@@ -27,7 +27,7 @@ QUIET_FACTOR = 3.0
 DEVIATION = (0.1587, 0.8413)  # shares of normal values below one deviation under and over the mean
 RISEN_SHARE = 0.1  # share of the largest force above which a contact is a touch-down of its own
 RISING_SAMPLES = 5  # number of successive samples above this share that are no noise
-LOST_SHARE = 0.5  # a contact is lost below this share of the level of contact
+LOST_SHARE = 0.5  # force below which a contact is lost, divided by the level of contact
 # the held force is the mean of this share of the signal, at its end
 HELD_SHARE, HELD_LEAST = 0.2, 10
 # Half width of the settling band, as a share of the held force and as a multiple of the noise.
@@ -44,7 +44,7 @@ class ForceLevel:
 
     zero: float
     noise: float  # standard deviation of the noise
-    contact: float  # from this force above the zero on, the axis is in contact
+    contact: float  # smallest force above the zero at which the axis is in contact
     noises: float = 0.0  # largest force above the zero that noise alone may have
 
 
@@ -98,7 +98,7 @@ def level_of(time_s: Floats, force: Floats, where: str) -> ForceLevel:
     steps = min(QUANTA * quantum, COARSE_SHARE * largest)
     noise = float(np.ptp(np.quantile(head, DEVIATION))) / 2
     noise += min(quantum / 2, PEAK_SHARE * largest)
-    # The noise of a few samples is a rough one, that of all samples before the contact a good one.
+    # The noise is known roughly from a few samples, and well from all samples before the contact.
     count = len(head)
     for _ in range(3):
         noises = _factor(len(force), count) * noise

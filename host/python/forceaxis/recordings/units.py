@@ -133,7 +133,7 @@ def factor_of(unit: str, wanted: str) -> float | None:
 
 def _composed(unit: str, wanted: str) -> float:
     """Returns the size of a unit in capital letters, or of a product or a quotient of two units, in
-    the SI unit `wanted`, and 0.0 for another one."""
+    the SI unit `wanted`, and 0.0 for another unit."""
     size, measured = ANY_CASE.get(unit.casefold(), (0.0, ""))
     if measured == wanted:
         return size

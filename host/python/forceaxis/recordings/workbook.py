@@ -32,7 +32,8 @@ def read_workbook(path: Path) -> list[Source]:
     with (
         files.parsing(path, "a workbook (xlsx)", "save it again, or save the sheet as CSV"),
         path.open("rb") as stream,
-        warnings.catch_warnings(action="ignore"),  # of names and styles, which are not read
+        # ignores warnings about names and styles, which are not read
+        warnings.catch_warnings(action="ignore"),
     ):
         book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
         for sheet in book.worksheets:
@@ -54,7 +55,7 @@ def _sheet(sheet: Any, where: str) -> list[TableSource]:
     InputError."""
     text: IO[str] = tempfile.NamedTemporaryFile("w+", encoding="utf-8", newline="\n", suffix=".tsv")  # noqa: SIM115
     has_times, widths = False, set[int]()
-    sheet.reset_dimensions()  # some programs state wrong ones
+    sheet.reset_dimensions()  # some programs state wrong dimensions of a sheet
     for number, cells in enumerate(sheet.iter_rows(min_row=1, min_col=1, values_only=True), 1):
         if number > MOST_ROWS or len(cells) > MOST_COLUMNS:
             raise ValueError(f"more than {MOST_ROWS} rows or {MOST_COLUMNS} columns")

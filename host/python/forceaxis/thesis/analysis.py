@@ -21,7 +21,7 @@ Numbers = NDArray[np.float64]
 
 STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 BETWEEN = "unstable between two gains"
-# A pole with a larger damping ratio than this does not count as a resonance.
+# Largest damping ratio of a pole that counts as a resonance.
 LIGHT = 0.3
 # A pole counts as near a zero up to this distance, relative to the frequency of the pole.
 NEAR = 0.2
@@ -126,7 +126,7 @@ def near(model: str, pole_hz: float, zero_hz: float, **overrides: float) -> str:
 
 def added(model: str, without: str, **overrides: float) -> str:
     """Returns a text about the numbers of poles and zeros that the force response of `model` has in
-    addition to those of `without`."""
+    addition to the poles and zeros of `without`."""
     more, less = linear.linearise(model, overrides=overrides), linear.linearise(without)
     poles = len(more.poles()) - len(less.poles())
     return f"{poles} and {len(more.zeros()) - len(less.zeros())}"
@@ -170,8 +170,8 @@ def added_phase_deg(
     model: str, without: str, drive: bool = True, span_hz: tuple[float, float] = (5.0, 400.0),
     **overrides: float,
 ) -> Numbers:  # fmt: skip
-    """Returns the phase of the force response of `model` minus that of `without`, in degrees, at
-    frequencies in the range `span_hz`."""
+    """Returns the phase of the force response of `model` minus the phase for `without`, in degrees,
+    at frequencies in the range `span_hz`."""
     f = np.geomspace(*span_hz, 20001)
     with_it = response(model, "reading", f, overrides=overrides, drive=drive)
     return phase_deg(with_it / response(without, "reading", f, drive=drive))

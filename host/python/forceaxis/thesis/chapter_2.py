@@ -165,7 +165,7 @@ def right_half_plane_zeros() -> int:
 
 
 def lumped_beam_zeros(output: str) -> np.ndarray:
-    """Returns the zeros in 1/s of the lumped bending beam, except those at 0."""
+    """Returns the zeros in 1/s of the lumped bending beam, except zeros at 0."""
     zeros = figures.LUMPED.system().select(outputs=(output,)).zeros()
     return zeros[abs(zeros) > 1e-3]
 
@@ -222,7 +222,7 @@ def dampers() -> str:
 
 def limit_ratio(model: str, experiment: str, without: str) -> str:
     """Returns a text that states whether the critical gain with the workpiece of an experiment is
-    higher than that with a rigid workpiece."""
+    higher than the critical gain with a rigid workpiece."""
     ratio = critical_gain(model, **settings(experiment)) / critical_gain(without)
     return compared(ratio, "higher")
 
@@ -249,8 +249,8 @@ def slow_sampling() -> str:
 
 
 def crossing_ratio(model: str, without: str, **overrides: float) -> float:
-    """Returns the frequency at which the force loop of `model` becomes unstable, divided by that of
-    `without`."""
+    """Returns the frequency at which the force loop of `model` becomes unstable, divided by the
+    same frequency for `without`."""
     return crossing_hz(model, **overrides) / crossing_hz(without)
 
 
@@ -305,7 +305,7 @@ def rigid_cycles() -> int:
 
 def bits_ratio() -> float:
     """Returns the highest gain with a stable contact at a force set-point of 15 counts with 8-bit
-    converters, divided by that with 12-bit converters."""
+    converters, divided by the highest gain with 12-bit converters."""
     highest = []
     fine = ["experiment.model=../models/laboratory_12bit.toml", "firmware.adc_bits=12"]
     for sets in ([], fine):

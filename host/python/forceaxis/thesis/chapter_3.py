@@ -104,8 +104,8 @@ def base_dip() -> tuple[float, float]:
 
 
 def more_lag() -> str:
-    """Returns a text that states whether the tip's acceleration lags behind that of the motor at
-    all frequencies from 5 to 100 Hz."""
+    """Returns a text that states whether the tip's acceleration lags behind the motor's
+    acceleration at all frequencies from 5 to 100 Hz."""
     f = np.linspace(5.0, 100.0, 2001)
     behind = np.unwrap(np.angle(response("fig4_14", TIP, f, free=True)
                                 / response("fig4_14", MOTOR, f, free=True)))  # fmt: skip
@@ -183,8 +183,8 @@ def reverses() -> str:
 
 def flexible_step() -> str:
     """Returns a text that states whether the position step with the flexible arm of the laboratory
-    differs from that with the rigid robot by less than 0.2 % of the travel. The step starts 10 inch
-    before the workpiece."""
+    differs from the step with the rigid robot by less than 0.2 % of the travel. The step starts 10
+    inch before the workpiece."""
     sets = ("experiment.model=../models/laboratory.toml", "approach=0.254",
             "firmware.position_setpoint=-4000")  # fmt: skip
     moved = [one.columns["encoder"] for one in (position_step(), position_step(*sets))]

@@ -84,8 +84,8 @@ def fit_quality() -> str:
 
 
 def trough_ratio() -> float:
-    """Returns the frequency of the base's trough in the fitted model, divided by that of the base's
-    peak."""
+    """Returns the frequency of the base's trough in the fitted model, divided by the frequency of
+    the base's peak."""
     first = fitted().resonances[0]
     return (first.trough_hz or math.nan) / first.peak_hz
 
@@ -111,7 +111,8 @@ def zero_at_origin() -> int:
 
 
 def alone_zeta() -> float:
-    """Returns the mean of two damping ratios: that of the base alone and that of the arm alone."""
+    """Returns the mean of two damping ratios: the damping ratio of the base alone and of the arm
+    alone."""
     arm = pole("fig4_15", 33, free=True, drive=False)[1]
     base = printed("b_b") / 2 / math.sqrt(printed("k_b") * (printed("m_b") + printed("m_r")))
     return (arm + base) / 2

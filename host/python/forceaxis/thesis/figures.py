@@ -165,7 +165,7 @@ def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonanc
 
 def resonance_curves() -> list[curves.Curve]:
     """Returns the curves of Fig 4.8. They are the frequency response of the lumped-parameter model,
-    and that of the polynomial model that is fitted to it."""
+    and the frequency response of the polynomial model that is fitted to it."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))

@@ -19,7 +19,7 @@ GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2
 GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 
 # Runs with Coulomb friction: friction forces in N (COULOMB), gains and initial gaps.
-# The gains and gaps of runs with Coulomb friction are defined as those of GAINS and GAPS.
+# Gains and gaps of runs with Coulomb friction are defined in the same way as GAINS and GAPS.
 COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
 FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
 FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)

@@ -70,8 +70,8 @@ class ObservedSession:
 
 @dataclass(frozen=True)
 class NodeHashes:
-    """The trace hashes of a session: one from the program of the firmware, one from that of the
-    plant."""
+    """The trace hashes of a session: one from the firmware's program, one from the plant's
+    program."""
 
     plant_node: str
     axis_node: str

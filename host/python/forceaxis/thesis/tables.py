@@ -407,7 +407,7 @@ def plateau(
 
 def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
     """Returns (open choice, interpretation, score) for each interpretation of the thesis that is
-    not used. The score is that of a run with this interpretation and no other change."""
+    not used. The score belongs to a run with this interpretation and no other change."""
     rows = [(r.name, a) for r in load().readings for a in r.alternatives]
     scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
     return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]
@@ -482,8 +482,8 @@ def evidence_hash() -> str:
 
 
 def fit(threads: int | None = None) -> FitRecord:
-    """Searches the grid of tables.toml for the best constants: those at which most table cells of
-    `fit_on` have the measured verdict. Writes them to tables_fit.json beside tables.toml.
+    """Searches the grid of tables.toml for the best constants. With these constants, most table
+    cells of `fit_on` have the measured verdict. Writes them to tables_fit.json beside tables.toml.
 
     Cells of the test "contact" are run on every grid point on which they depend. Cells of the test
     "disturbance" are run only where the contact cells have their best score, with or without one

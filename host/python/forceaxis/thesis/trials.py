@@ -18,8 +18,8 @@ T = TypeVar("T")
 @dataclass(frozen=True)
 class TrialScores:
     """The scores of one trial: the number of table cells with equal verdicts at each of its points.
-    Rows are the values of the first parameter that the trial varies, and columns are those of the
-    second. With one parameter, there is only one column."""
+    Rows are the values of the first parameter that the trial varies, and columns are the values of
+    the second. With one parameter, there is only one column."""
 
     trial: Trial
     scores: list[list[int]]
@@ -112,7 +112,7 @@ def in_rows(values: Sequence[T], width: int) -> list[list[T]]:
 
 def command(cells: Sequence[CellResult], trial: Trial) -> str:
     """Returns the command line of the run of a trial's cell. It has the overrides `taken` of the
-    trial. If the trial is not chosen, it has those of its first point."""
+    trial. If the trial is not chosen, it has the overrides of its first point."""
     cell = next(one for one in cells if key_of(one) == trial.cell)
     path, sets = job(cell, trial, trial.taken or points(trial)[0])
     words = [word for text in sets for word in ("--set", text)]
