@@ -97,12 +97,17 @@ def test_a_rest_at_the_end_of_the_way_may_be_a_saturated_sensor(folder):
     assert "held is invalid" in text and "shoulder is invalid" not in text
 
 
-def foreign(file, force_of, heads=("t [s]", "F [N]", "s [mm]")):
-    """Writes a curve of 200 samples of another program. force_of: force in N as text."""
+def way(k):
+    return f"{k * 0.02:.4f}"
+
+
+def foreign(file, force_of, heads=("t [s]", "F [N]", "s [mm]"), place_of=way):
+    """Writes a curve of 200 samples of another program. force_of, place_of: force in N and position
+    in mm as text."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(heads)
-        writer.writerows((f"{k / 1000:.4f}", force_of(k), f"{k * 0.02:.4f}") for k in range(200))
+        writer.writerows((f"{k / 1000:.4f}", force_of(k), place_of(k)) for k in range(200))
 
 
 def ramp(k):
@@ -225,6 +230,36 @@ def test_a_spike_of_a_curve_is_named_and_judged(folder, tmp_path):
     assert f"note         a.csv: {note}\n" in judged(tmp_path, *words)
     (part,) = judged_json(tmp_path, *words)["parts"]
     assert note in part["import_notes"] and part["record"]["state"] == "bad"
+
+
+def instead(of, value, count):
+    """The text of a sample, with `count` samples of another value in the middle of the stroke."""
+    return lambda k: value if 100 <= k < 100 + count else of(k)
+
+
+# (force of a sample, position of a sample, why the part is not good)
+DISTURBED = [
+    (instead(ramp, "590.0000", 3), way, "3 samples in a spike, from 0.1 s on"),
+    (instead(ramp, "0.0000", 3), way, "3 samples in a spike, from 0.1 s on"),
+    (ramp, instead(way, "99.0000", 1), "1 sample in a spike, from 0.1 s on"),
+    (ramp, instead(way, "99.0000", 3), "3 samples in a spike, from 0.1 s on"),
+    (instead(ramp, "300.0000", 4), way, "4 samples saturated, from 0.1 s on"),
+    (instead(ramp, "0.0000", 40), way, "40 samples saturated, from 0.1 s on"),
+]
+
+
+@pytest.mark.parametrize(("force_of", "place_of", "text"), DISTURBED)
+def test_a_disturbance_in_the_middle_of_a_stroke_leaves_no_part_good(
+    tmp_path, force_of, place_of, text
+):
+    """The largest force is good, with these samples and without them."""
+    element = dict(PRESS["element"][4], phases=["press"])
+    (tmp_path / "bush.toml").write_text(tomlkit.dumps({**PRESS, "element": [element]}))
+    foreign(tmp_path / "a.csv", force_of, place_of=place_of)
+    words = ("bush.toml", "a.csv", *COUNTS, "--map", "force=F,position=s", "--phase", "press")
+    shown = judged(tmp_path, *words)
+    assert f"largest is invalid: {text}, in phase press" in shown
+    assert "cycle        A bush: bad: samples are not valid\n" in shown
 
 
 def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):
