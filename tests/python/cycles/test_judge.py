@@ -22,12 +22,14 @@ PHASES = ("a", "b", "c", "d")
 
 
 def program_of(elements, **head):
-    """A program of four phases that end by their time."""
+    """A program of four phases that end by their time. It repeats them, so a curve may come back to
+    its first phase."""
     phases = [
         {"name": name, "do": "wait", "force_max": 1300.0, "travel_max": 100.0, "time_max": 1000.0,
          "end": [{"when": "time", "value": 900.0, "next": after}]}
         for name, after in zip(PHASES, (*PHASES[1:], "end"), strict=True)
     ]  # fmt: skip
+    phases[-1]["end"].insert(0, {"when": "time", "value": 800.0, "next": "a", "count": 3})
     return {"title": "Curves", **head, "phase": phases, "element": elements}
 
 

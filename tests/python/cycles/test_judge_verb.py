@@ -17,7 +17,7 @@ from forceaxis.cycles.record import PartRecord
 from forceaxis.cycles.records import RecordFolder, read_parts
 from forceaxis.recordings import signal_recording
 from judged_curves import recording, saturation, signal, without
-from test_judge import EXPERIMENTS, PRESS, bush, held_sample, simulated
+from test_judge import EXPERIMENTS, PRESS, bush, held_sample, labels_of, simulated
 from verbs import forceaxis
 
 FOREIGN = ("--map", "force=-Fz:kN,position=way:mm")
@@ -205,6 +205,59 @@ def test_each_pass_through_the_phases_is_a_part(folder, tmp_path):
     signal_recording.write(short, tmp_path / "short")
     done = forceaxis("cycle", "judge", "bush.toml", "short.npz", *COUNTS, cwd=tmp_path)
     assert done.returncode == 2 and "expected the curve of one part, or several ones" in done.stderr
+
+
+def three_passes(folder, tmp_path, change=None, program="bush.toml"):
+    """Judges three bushes, the first one bad, that follow each other without a pause. `change`
+    changes the phases of their samples in place."""
+    shutil.copy(folder / "bush.toml", tmp_path)
+    values = {"force": [], "position": [], "phase": []}
+    for k, shoulder in enumerate((0.0036, 0.003, 0.0031), 1):
+        one = bush(shoulder, seed=k)
+        phase = labels_of(one["force"].values, 1000.0)
+        for name, own in (*((s.name, s.values) for s in one), ("phase", phase.astype(float))):
+            values[name].append(own[phase >= 0])
+    whole = {name: np.concatenate(parts) for name, parts in values.items()}
+    if change:
+        change(whole["phase"])
+    time_s = np.arange(len(whole["force"])) / 1000
+    day = recording(time_s, whole["force"], whole["position"], phase=whole["phase"])
+    signal_recording.write(day, tmp_path / "day")
+    return forceaxis("cycle", "judge", program, "day.npz", *COUNTS, "--json", cwd=tmp_path)
+
+
+def test_a_part_begins_where_the_phases_begin_again(folder, tmp_path):
+    done = three_passes(folder, tmp_path)
+    states = [part["record"]["state"] for part in json.loads(done.stdout)["parts"]]
+    assert states == ["bad", "good", "good"]
+
+
+def test_a_part_of_a_program_that_repeats_its_phases_is_not_cut(folder, tmp_path):
+    again = {"when": "force_below", "value": 4.5, "next": "press", "count": 3}
+    back = dict(PRESS["phase"][2], end=[again, *PRESS["phase"][2]["end"]])
+    program = {**PRESS, "phase": [*PRESS["phase"][:2], back]}
+    (tmp_path / "loop.toml").write_text(tomlkit.dumps(program))
+    done = three_passes(folder, tmp_path, program="loop.toml")
+    assert len(json.loads(done.stdout)["parts"]) == 1, done.stderr
+
+
+def hole(phase):
+    """Ten samples in the first phase of the first part have no phase."""
+    first = int(np.argmax(phase > 0))
+    phase[first - 40 : first - 30] = -1
+
+
+def cut(phase):
+    """The recording ends in the first phase of the last part."""
+    phase[np.flatnonzero(np.diff(phase) < 0)[-1] + 40 :] = -1
+
+
+@pytest.mark.parametrize("change", [hole, cut])
+def test_a_part_that_ends_in_an_earlier_phase_than_the_others_is_refused(folder, tmp_path, change):
+    done = three_passes(folder, tmp_path, change)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "expected parts that end in the same phase of the program, got one" in done.stderr
+    assert "ends in phase 0 at" in done.stderr
 
 
 def test_a_second_stroke_that_nothing_separates_is_noted(folder, tmp_path):

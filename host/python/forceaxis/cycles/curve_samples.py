@@ -352,10 +352,14 @@ def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> I
     return np.asarray(values.astype(np.int64))
 
 
-def cuts(curve: CurveCounts, where: str, phases: int) -> list[tuple[Integers, int]]:
+def cuts(
+    curve: CurveCounts, where: str, phases: int, repeated: set[int]
+) -> list[tuple[Integers, int]]:
     """Returns, for each part of a curve, the samples of its cycle, preceded by the sample before
     them, and the number of the first one. Several parts follow each other only in a curve that
-    names its phases. `phases`: number of phases of the program. Raises InputError."""
+    names its phases: there a part ends before samples without a phase, and where the first phase
+    begins again. `phases`: number of phases of the program. `repeated`: numbers of the phases to
+    which the program itself comes back. Raises InputError."""
     rows = curve.rows
     if curve.phase is None:
         return [(np.vstack([rows[:1], rows]), 0)]
@@ -380,9 +384,30 @@ def cuts(curve: CurveCounts, where: str, phases: int) -> list[tuple[Integers, in
             f"{where}: expected phases from 0 to {phases - 1}, those of the program, got "
             f"{largest}; give the program with which the part was pressed"
         )
+    first = int(curve.phase[inside[0][0]])
+    if first not in repeated:
+        begins = runs(curve.phase == first)[:, 0].tolist()
+        edges = [[begin, *(b for b in begins if begin < b < end), end] for begin, end in inside]
+        inside = [pair for one in edges for pair in pairwise(one)]
+    _expect_complete(curve, where, inside)
     found = []
     for begin, end in inside:
         before = rows[max(begin - 1, 0)].copy()
         before[3] = 0
         found.append((np.vstack([before[np.newaxis], rows[begin:end]]), begin))
     return found
+
+
+def _expect_complete(curve: CurveCounts, where: str, inside: list[tuple[int, int]]) -> None:
+    """Raises InputError for a part of several ones that ends in another phase than the last one of
+    the recording. Samples without a phase may also be in the middle of a stroke."""
+    assert curve.phase is not None
+    last = max(int(curve.phase[end - 1]) for _, end in inside)
+    for _, end in inside:
+        if curve.phase[end - 1] != last:
+            raise InputError(
+                f"{where}: expected parts that end in the same phase of the program, got one that "
+                f"ends in phase {curve.phase[end - 1]} at "
+                f"{curve.begin_s + (end - 1) / curve.rate_hz:.6g} s, and one that ends in phase "
+                f"{last}; correct the phases, or cut the recording into one file for each part"
+            )
