@@ -12,6 +12,7 @@ from forceaxis import InputError
 from forceaxis.cycles import curve_samples, judge
 from forceaxis.errors import ParameterError
 from forceaxis.experiments import run as runs
+from forceaxis.recordings.signal_recording import SignalFinding
 from judged_curves import SIDES, Oracle, recording, saturation, signal, without
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "sim/experiments"
@@ -21,12 +22,14 @@ PHASES = ("a", "b", "c", "d")
 
 
 def program_of(elements, **head):
-    """A program of four phases that end by their time."""
+    """A program of four phases that end by their time. It repeats them, so a curve may come back to
+    its first phase."""
     phases = [
         {"name": name, "do": "wait", "force_max": 1300.0, "travel_max": 100.0, "time_max": 1000.0,
          "end": [{"when": "time", "value": 900.0, "next": after}]}
         for name, after in zip(PHASES, (*PHASES[1:], "end"), strict=True)
     ]  # fmt: skip
+    phases[-1]["end"].insert(0, {"when": "time", "value": 800.0, "next": "a", "count": 3})
     return {"title": "Curves", **head, "phase": phases, "element": elements}
 
 
@@ -451,6 +454,20 @@ def test_a_saturated_stretch_makes_the_elements_of_its_phase_invalid_by_name(pre
         assert verdicts(judged)["held"] == "invalid"
         assert "3 samples saturated" in judged.record.notes[0]
         assert verdicts(judged)["shoulder"] == "good"
+
+
+def test_values_that_are_interpolated_with_a_spike_are_not_valid(press):
+    """The position has other times than the force: the two values around its sample rest on it."""
+    made = bush()
+    position, at = made["position"], held_sample(made)
+    time_s = position.time_s - 0.0004
+    values = np.interp(time_s, position.time_s, position.values)
+    found = SignalFinding("spike", float(time_s[at]), float(time_s[at]), 1, "1 sample")
+    own = replace(position, time_s=time_s, values=values, clock="1", findings=(found,))
+    judged = judge.judge(press, replace(made, signals=(made["force"], own)), "part")
+    assert verdicts(judged)["held"] == "invalid"
+    text = f"held is invalid: 2 samples in a spike, from {(at - 1) / 1000:g} s on, in phase hold"
+    assert text in judged.record.notes
 
 
 @pytest.mark.parametrize("value", [1310.72, -1310.72, 5e8, np.nan, np.inf])

@@ -17,7 +17,7 @@ from forceaxis.cycles.record import PartRecord
 from forceaxis.cycles.records import RecordFolder, read_parts
 from forceaxis.recordings import signal_recording
 from judged_curves import recording, saturation, signal, without
-from test_judge import EXPERIMENTS, PRESS, bush, held_sample, simulated
+from test_judge import EXPERIMENTS, PRESS, bush, held_sample, labels_of, simulated
 from verbs import forceaxis
 
 FOREIGN = ("--map", "force=-Fz:kN,position=way:mm")
@@ -97,12 +97,17 @@ def test_a_rest_at_the_end_of_the_way_may_be_a_saturated_sensor(folder):
     assert "held is invalid" in text and "shoulder is invalid" not in text
 
 
-def foreign(file, force_of, heads=("t [s]", "F [N]", "s [mm]")):
-    """Writes a curve of 200 samples of another program. force_of: force in N as text."""
+def way(k):
+    return f"{k * 0.02:.4f}"
+
+
+def foreign(file, force_of, heads=("t [s]", "F [N]", "s [mm]"), place_of=way):
+    """Writes a curve of 200 samples of another program. force_of, place_of: force in N and position
+    in mm as text."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(heads)
-        writer.writerows((f"{k / 1000:.4f}", force_of(k), f"{k * 0.02:.4f}") for k in range(200))
+        writer.writerows((f"{k / 1000:.4f}", force_of(k), place_of(k)) for k in range(200))
 
 
 def ramp(k):
@@ -202,6 +207,59 @@ def test_each_pass_through_the_phases_is_a_part(folder, tmp_path):
     assert done.returncode == 2 and "expected the curve of one part, or several ones" in done.stderr
 
 
+def three_passes(folder, tmp_path, change=None, program="bush.toml"):
+    """Judges three bushes, the first one bad, that follow each other without a pause. `change`
+    changes the phases of their samples in place."""
+    shutil.copy(folder / "bush.toml", tmp_path)
+    values = {"force": [], "position": [], "phase": []}
+    for k, shoulder in enumerate((0.0036, 0.003, 0.0031), 1):
+        one = bush(shoulder, seed=k)
+        phase = labels_of(one["force"].values, 1000.0)
+        for name, own in (*((s.name, s.values) for s in one), ("phase", phase.astype(float))):
+            values[name].append(own[phase >= 0])
+    whole = {name: np.concatenate(parts) for name, parts in values.items()}
+    if change:
+        change(whole["phase"])
+    time_s = np.arange(len(whole["force"])) / 1000
+    day = recording(time_s, whole["force"], whole["position"], phase=whole["phase"])
+    signal_recording.write(day, tmp_path / "day")
+    return forceaxis("cycle", "judge", program, "day.npz", *COUNTS, "--json", cwd=tmp_path)
+
+
+def test_a_part_begins_where_the_phases_begin_again(folder, tmp_path):
+    done = three_passes(folder, tmp_path)
+    states = [part["record"]["state"] for part in json.loads(done.stdout)["parts"]]
+    assert states == ["bad", "good", "good"]
+
+
+def test_a_part_of_a_program_that_repeats_its_phases_is_not_cut(folder, tmp_path):
+    again = {"when": "force_below", "value": 4.5, "next": "press", "count": 3}
+    back = dict(PRESS["phase"][2], end=[again, *PRESS["phase"][2]["end"]])
+    program = {**PRESS, "phase": [*PRESS["phase"][:2], back]}
+    (tmp_path / "loop.toml").write_text(tomlkit.dumps(program))
+    done = three_passes(folder, tmp_path, program="loop.toml")
+    assert len(json.loads(done.stdout)["parts"]) == 1, done.stderr
+
+
+def hole(phase):
+    """Ten samples in the first phase of the first part have no phase."""
+    first = int(np.argmax(phase > 0))
+    phase[first - 40 : first - 30] = -1
+
+
+def cut(phase):
+    """The recording ends in the first phase of the last part."""
+    phase[np.flatnonzero(np.diff(phase) < 0)[-1] + 40 :] = -1
+
+
+@pytest.mark.parametrize("change", [hole, cut])
+def test_a_part_that_ends_in_an_earlier_phase_than_the_others_is_refused(folder, tmp_path, change):
+    done = three_passes(folder, tmp_path, change)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "expected parts that end in the same phase of the program, got one" in done.stderr
+    assert "ends in phase 0 at" in done.stderr
+
+
 def test_a_second_stroke_that_nothing_separates_is_noted(folder, tmp_path):
     """The program decides about the phases, and its cycle ends with the first stroke."""
     shutil.copy(folder / "bush.toml", tmp_path)
@@ -225,6 +283,36 @@ def test_a_spike_of_a_curve_is_named_and_judged(folder, tmp_path):
     assert f"note         a.csv: {note}\n" in judged(tmp_path, *words)
     (part,) = judged_json(tmp_path, *words)["parts"]
     assert note in part["import_notes"] and part["record"]["state"] == "bad"
+
+
+def instead(of, value, count):
+    """The text of a sample, with `count` samples of another value in the middle of the stroke."""
+    return lambda k: value if 100 <= k < 100 + count else of(k)
+
+
+# (force of a sample, position of a sample, why the part is not good)
+DISTURBED = [
+    (instead(ramp, "590.0000", 3), way, "3 samples in a spike, from 0.1 s on"),
+    (instead(ramp, "0.0000", 3), way, "3 samples in a spike, from 0.1 s on"),
+    (ramp, instead(way, "99.0000", 1), "1 sample in a spike, from 0.1 s on"),
+    (ramp, instead(way, "99.0000", 3), "3 samples in a spike, from 0.1 s on"),
+    (instead(ramp, "300.0000", 4), way, "4 samples saturated, from 0.1 s on"),
+    (instead(ramp, "0.0000", 40), way, "40 samples saturated, from 0.1 s on"),
+]
+
+
+@pytest.mark.parametrize(("force_of", "place_of", "text"), DISTURBED)
+def test_a_disturbance_in_the_middle_of_a_stroke_leaves_no_part_good(
+    tmp_path, force_of, place_of, text
+):
+    """The largest force is good, with these samples and without them."""
+    element = dict(PRESS["element"][4], phases=["press"])
+    (tmp_path / "bush.toml").write_text(tomlkit.dumps({**PRESS, "element": [element]}))
+    foreign(tmp_path / "a.csv", force_of, place_of=place_of)
+    words = ("bush.toml", "a.csv", *COUNTS, "--map", "force=F,position=s", "--phase", "press")
+    shown = judged(tmp_path, *words)
+    assert f"largest is invalid: {text}, in phase press" in shown
+    assert "cycle        A bush: bad: samples are not valid\n" in shown
 
 
 def test_maps_and_notes_are_those_of_the_import(folder, tmp_path):

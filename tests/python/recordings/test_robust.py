@@ -119,14 +119,35 @@ def test_a_spike_hides_no_jump_and_makes_no_saturation():
 
 def test_a_force_of_zero_without_contact_is_no_saturation():
     """Of a simulation or of a converter with a dead zone: nothing there has noise."""
-    force = np.concatenate([np.zeros(20), np.full(30, 60.0) + np.arange(30), np.zeros(9),
-                            np.full(30, 60.0) + np.arange(30)])  # fmt: skip
+    stroke = np.concatenate([np.full(30, 60.0) + np.arange(30), [60.0, 30.0, 10.0]])
+    force = np.concatenate([np.zeros(20), stroke, np.zeros(9), stroke])
     time_s = np.arange(len(force)) / 1000
     assert "saturation" not in {kind for kind, _ in kinds(time_s, force)}
     assert "saturation" not in {kind for kind, _ in kinds(time_s, force + 7)}  # begins there
     top = np.where((force > 0) & (np.arange(len(force)) > 70), 200.0, force)
     top[80:85] = 60.0
     assert "saturation" in {kind for kind, _ in kinds(time_s, top)}
+
+
+@pytest.mark.parametrize("name", ["force", "position"])
+@pytest.mark.parametrize("rest", [0.0, -0.5])
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_signal_that_is_lost_in_the_middle_of_a_stroke_is_saturation(name, rest, noise):
+    """A loose cable gives the value without contact for 4 samples or more."""
+    stroke = 0.4 * np.arange(1.0, 201) + np.random.default_rng(6).uniform(0, noise, 200)
+    for count in (4, 40):
+        force = np.concatenate([np.full(5, rest), stroke, np.full(9, rest)])
+        assert "saturation" not in {kind for kind, _ in kinds(np.arange(214) / 1000, force, name)}
+        force[105 : 105 + count] = rest
+        found = kinds(np.arange(214) / 1000, force, name)
+        assert ("saturation", 0.105) in found
+
+
+def test_a_machine_that_lets_go_at_once_is_at_rest_after_its_last_contact():
+    """Of a converter with a dead zone; a small disturbance of the machine follows."""
+    force = np.concatenate([np.zeros(20), 0.4 * np.arange(200), np.zeros(30), [1.0, 2.0], [0.0]])
+    found = kinds(np.arange(len(force)) / 1000, force)
+    assert "saturation" not in {kind for kind, _ in found}
 
 
 def recorded(tmp_path, spikes, *words):

@@ -63,8 +63,9 @@ def expect(signal, values=FORCE, rate_hz=1000.0, begin_s=0.0):
     np.testing.assert_allclose(signal.time_s - signal.time_s[0], steps, atol=1e-6 / rate_hz)
 
 
-def test_recordings_of_an_earlier_import_of_the_file_do_not_stay(tmp_path):
-    """Three tests in a file, then two, then one: nobody takes the third one for a new one."""
+def test_recordings_of_another_import_are_named_and_kept(tmp_path):
+    """Three tests in a file, then two, then one: the line says which ones are not new. A file of
+    the same name may be that of another day, so nothing is removed."""
     part = table(rows("{t:.3f},{f:.3f}"), "t_s,F_N\n")
     other = tmp_path / "made_4.npz"
 
@@ -76,16 +77,35 @@ def test_recordings_of_an_earlier_import_of_the_file_do_not_stay(tmp_path):
         (tmp_path / old).unlink()
     assert run(tmp_path, 3 * part, "--map", "force=F_N").stderr == ""
     assert files() == ["made_1.npz", "made_2.npz", "made_3.npz", "made_4.npz"]
+    before = (tmp_path / "made_3.npz").read_bytes()
     done = run(tmp_path, 2 * part, "--map", "force=F_N", "--json")
-    assert done.stderr.endswith("made_3.npz of an earlier import removed\n")
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.endswith(
+        "made_3.npz: of another import of a file source.csv, kept; remove what you no longer need\n"
+    )
     assert len(json.loads(done.stdout)["recordings"]) == 2
-    assert files() == ["made_1.npz", "made_2.npz", "made_4.npz"]  # the last one is of another file
-    run(tmp_path, 2 * part, "--map", "force=F_N", "--section", "1")
-    assert files() == ["made.npz", "made_1.npz", "made_2.npz", "made_4.npz"]
-    assert run(tmp_path, part, "--map", "force=F_N").stderr.count("removed") == 2
-    assert files() == ["made.npz", "made_4.npz"]
+    assert run(tmp_path, 2 * part, "--map", "force=F_N", "--section", "1").stderr == ""
+    stderr = run(tmp_path, part, "--map", "force=F_N").stderr
+    assert [f"made{k}.npz" in stderr for k in ("", "_1", "_2", "_3", "_4")] == [
+        False, True, True, True, False,  # the last one is of another file
+    ]  # fmt: skip
+    assert files() == ["made.npz", *(f"made_{k}.npz" for k in (1, 2, 3, 4))]
+    assert (tmp_path / "made_3.npz").read_bytes() == before
     assert signal_recording.source_file(other) == "another.csv"
     assert signal_recording.source_file(tmp_path / "source.csv") is None
+
+
+def test_every_recording_is_written_whoever_reads_the_output(tmp_path):
+    """`| head -2` closes the output after two lines."""
+    part = table(rows("{t:.3f},{f:.3f}"), "t_s,F_N\n")
+    (tmp_path / "source.csv").write_text(5 * part)
+    words = ("recording", "import", "source.csv", "--map", "force=F_N", "--out", "made")
+    with subprocess.Popen(
+        [sys.executable, "-m", "forceaxis", *words], cwd=tmp_path, stdout=subprocess.PIPE
+    ) as running:
+        running.stdout.close()
+        running.wait()
+    assert len(list(tmp_path.glob("made_*.npz"))) == 5
 
 
 # Times of a calendar: a double has steps of 0.24 us there.

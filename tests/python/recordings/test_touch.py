@@ -95,6 +95,40 @@ def test_a_recording_that_begins_too_late_says_so(quiet, noise):
             touch.level_of(time_s, force, "force")
 
 
+@pytest.mark.parametrize("rise", [1, 2, 3])
+@pytest.mark.parametrize("quiet", [0, 4])
+@pytest.mark.parametrize("count", [40, 400, 2000])
+def test_a_slow_rise_that_begins_too_late_says_so(quiet, rise, count):
+    """A spring that is pressed from the first samples on, evenly or ever faster."""
+    force = np.maximum(np.arange(count) - quiet, 0.0) ** rise
+    force *= 40 / force[-1]
+    with pytest.raises(InputError, match="begin the recording earlier"):
+        touch.level_of(np.arange(count) / RATE_HZ, force, "force")
+
+
+def transient(first, last_N, time_constant):
+    """A filter that begins at `first` and approaches `last_N`."""
+    return lambda count: last_N + (first - last_N) * np.exp(-np.arange(count) / time_constant)
+
+
+BEGINS = {
+    "a filter begins at 0": transient(0.0, 3.0, 4.0),
+    "four samples are low": lambda count: np.where(np.arange(count) < 4, -0.5, 0.0),
+    "five samples are 0": lambda count: np.where(np.arange(count) < 5, 0.0, 2.0),
+    "the sensor drifts": lambda count: 0.2 * np.arange(count) / count,
+}
+
+
+@pytest.mark.parametrize("begin", BEGINS.values(), ids=BEGINS)
+@pytest.mark.parametrize("noise", [0.0005, 0.02, 0.1])
+def test_a_transient_at_the_begin_is_no_contact(begin, noise):
+    """There are 1,500 samples before the contact."""
+    for seed in range(5):
+        time_s, force = held(noise, seed, count=3000, first=1500, force_N=40.0)
+        force += begin(3000)
+        assert first_of(time_s, force).time_s == pytest.approx(1.4995, abs=0.001)
+
+
 def test_a_force_of_the_other_sign_begins_early_enough():
     for seed in range(20):
         time_s, force = held(0.3, seed, first=40)

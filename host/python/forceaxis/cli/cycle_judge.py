@@ -187,10 +187,11 @@ def judge(
     each tick) or of the signal phase (a number from 0 for each sample; negative: no phase), else
     the one of --phase, else the conditions and limits of the program decide.
 
-    An element is invalid if a sample in one of its phases is missing, saturated or beyond the range
-    of force, and the part is then bad. Each element of a series is tested for wear and drift, by a
-    CUSUM of sequential ranks. The stated share of false alarms is an upper bound for the whole
-    series, for any distribution of the values. The exit status is 0 for every verdict.
+    An element is invalid if a sample in one of its phases is missing, in a spike, saturated or
+    beyond the range of force, and the part is then bad. Each element of a series is tested for wear
+    and drift, by a CUSUM of sequential ranks. The stated share of false alarms is an upper bound
+    for the whole series, for any distribution of the values. The exit status is 0 for every
+    verdict.
     """
     from forceaxis.cli import judge_text
     from forceaxis.cycles import capability, drift, judge, records

@@ -139,8 +139,8 @@ def import_(
     speed_command, force_command, force_setpoint, position_setpoint. The result has SI units and
     keeps source, unit, sign, rate and delay of each signal. The command reports gaps, spikes,
     jumps, saturation and constant stretches, and the lines of FILE that are no rows. If FILE has
-    several recordings, they become NAME_1.npz, NAME_2.npz and so on, in place of those of an
-    earlier import of FILE.
+    several recordings, they become NAME_1.npz, NAME_2.npz and so on. One line names those that
+    another import of a file of the same name has left.
     """
     pairs, stretches = (
         dict(text.partition("=")[::2] for text in texts) for texts in (delays, zeros)
@@ -152,22 +152,29 @@ def import_(
     written = [name.with_stem(f"{name.stem}_{k}") for k in range(1, len(found) + 1)]
     written = written if len(found) > 1 else [name]
     command = click.get_current_context().command
-    for imported, one in zip(found, written, strict=True):
-        done = replace(imported, notes=tuple(options_in(command, n) for n in imported.notes))
+    all_done = [
+        replace(imported, notes=tuple(options_in(command, n) for n in imported.notes))
+        for imported in found
+    ]
+    for done, one in zip(all_done, written, strict=True):
         signal_recording.write(done.recording, one)
         facts.append({**summary(done.recording), "notes": list(done.notes), "file": str(one)})
-        if not as_json:
-            print_result(done.recording, False, functools.partial(text_of, done), one)
-    for old in former_recordings(name, file.name, written) if section is None else ():
-        old.unlink()
-        click.echo(f"forceaxis: {paths.display(old)} of an earlier import removed", err=True)
+    # All files are written before a reader of the output, such as `head`, can end the command.
+    if section is None and (others := other_recordings(name, file.name, written)):
+        click.echo(
+            f"forceaxis: {', '.join(map(paths.display, others))}: of another import of a file "
+            f"{file.name}, kept; remove what you no longer need",
+            err=True,
+        )
+    for done, one in zip(all_done, written, strict=True) if not as_json else ():
+        print_result(done.recording, False, functools.partial(text_of, done), one)
     if as_json:
         print_json(facts[0] if len(facts) == 1 else {"recordings": facts})
 
 
-def former_recordings(name: Path, source: str, written: list[Path]) -> list[Path]:
-    """Return the recordings that an earlier import of a file `source` has written to NAME.npz and
-    NAME_1.npz, NAME_2.npz and so on, and that this import has not replaced."""
+def other_recordings(name: Path, source: str, written: list[Path]) -> list[Path]:
+    """Return the recordings NAME.npz and NAME_1.npz, NAME_2.npz and so on that are of a file with
+    the name `source`, but not of this import. Nothing shows whether it was this file."""
     numbered = itertools.takewhile(
         Path.exists, (name.with_stem(f"{name.stem}_{k}") for k in itertools.count(1))
     )

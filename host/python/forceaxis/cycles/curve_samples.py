@@ -10,12 +10,12 @@ phases come from one of these sources, in this order:
     a phase for all samples   if the caller names one
     the program               its conditions and limits decide, as in the firmware
 
-A sample is not valid if it is missing, if it is saturated, or if its force is at an end of the
-range of the axis or of its counts. The curve is as long as its signals: a force is missing before
-its first and after its last sample if the position or the phase is known there. Saturated are the
-samples that the recording names so, and a force that begins or ends with equal samples at its
-extreme, unless the range of the sensor is known: the caller states it, or the axis itself was
-recorded.
+A sample is not valid if it is missing, if force or position has a spike there, if it is saturated,
+or if its force is at an end of the range of the axis or of its counts. The curve is as long as its
+signals: a force is missing before its first and after its last sample if the position or the phase
+is known there. Saturated are the samples that the recording names so, and a force that begins or
+ends with equal samples at its extreme, unless the range of the sensor is known: the caller states
+it, or the axis itself was recorded.
 """
 
 from dataclasses import dataclass
@@ -51,9 +51,10 @@ PAUSE_LEAST = 8  # smallest number of samples without a phase between two parts
 SAMPLES_MOST = 20_000_000  # largest number of sampling periods of a curve
 POSITION_MOST = 2**31 - 1
 # Reasons why a sample is not valid, in the order of their importance.
-VALID, MISSING, SATURATED, BEYOND = range(4)
+VALID, MISSING, SPIKE, SATURATED, BEYOND = range(5)
 REASONS = {
     MISSING: "missing",
+    SPIKE: "in a spike",
     SATURATED: "saturated",
     BEYOND: "at or beyond the end of the range of force",
 }
@@ -186,12 +187,23 @@ def _saturated(
     states which values are saturated."""
     if ends is not None:
         return np.asarray((values <= ends[0]) | (values >= ends[1]))
-    found = _cut_off(values) if signal.name == "force" else np.zeros(len(at_s), dtype=bool)
-    slack_s = EVEN_SHARE / signal.rate_hz
-    for one in signal.findings:
-        if one.kind == "saturation":
-            begin_s, end_s = one.from_s - signal.delay_s, one.to_s - signal.delay_s
-            found |= (at_s >= begin_s - slack_s) & (at_s <= end_s + slack_s)
+    found = _named(signal, at_s, "saturation")
+    return found | _cut_off(values) if signal.name == "force" else found
+
+
+def _named(signal: RecordedSignal, at_s: Floats, kind: str) -> Flags:
+    """Returns, for each true time, True if the value there rests on a sample that is in a finding
+    of this kind."""
+    found = np.zeros(len(at_s), dtype=bool)
+    named = [one for one in signal.findings if one.kind == kind]
+    if not named:
+        return found
+    # A value between two samples is interpolated, so it rests on both.
+    is_own = bool(np.isin(at_s, signal.true_time_s).all())
+    slack_s = (EVEN_SHARE if is_own else 1.0) / signal.rate_hz
+    for one in named:
+        begin_s, end_s = one.from_s - signal.delay_s, one.to_s - signal.delay_s
+        found |= (at_s >= begin_s - slack_s) & (at_s <= end_s + slack_s)
     return found
 
 
@@ -249,6 +261,8 @@ def curve_of(
     load = np.where(missing, 0.0, force.values)
     force_counts = counts(load, judge.counts_per_N)
     defect = np.where(missing, MISSING, VALID)
+    for signal in (force, position):
+        defect[_named(signal, at_s, "spike") & ~missing] = SPIKE
     for signal, values in ((force, force.values), (position, place)):
         defect[_saturated(signal, at_s, values, ranges.of(signal.name)) & ~missing] = SATURATED
     least, most = judge.force_ends
@@ -339,10 +353,14 @@ def _whole(recording: SignalRecording, where: str, name: str, at_s: Floats) -> I
     return np.asarray(values.astype(np.int64))
 
 
-def cuts(curve: CurveCounts, where: str, phases: int) -> list[tuple[Integers, int]]:
+def cuts(
+    curve: CurveCounts, where: str, phases: int, repeated: set[int]
+) -> list[tuple[Integers, int]]:
     """Returns, for each part of a curve, the samples of its cycle, preceded by the sample before
     them, and the number of the first one. Several parts follow each other only in a curve that
-    names its phases. `phases`: number of phases of the program. Raises InputError."""
+    names its phases: there a part ends before samples without a phase, and where the first phase
+    begins again. `phases`: number of phases of the program. `repeated`: numbers of the phases to
+    which the program itself comes back. Raises InputError."""
     rows = curve.rows
     if curve.phase is None:
         return [(np.vstack([rows[:1], rows]), 0)]
@@ -367,9 +385,30 @@ def cuts(curve: CurveCounts, where: str, phases: int) -> list[tuple[Integers, in
             f"{where}: expected phases from 0 to {phases - 1}, those of the program, got "
             f"{largest}; give the program with which the part was pressed"
         )
+    first = int(curve.phase[inside[0][0]])
+    if first not in repeated:
+        begins = runs(curve.phase == first)[:, 0].tolist()
+        edges = [[begin, *(b for b in begins if begin < b < end), end] for begin, end in inside]
+        inside = [pair for one in edges for pair in pairwise(one)]
+    _expect_complete(curve, where, inside)
     found = []
     for begin, end in inside:
         before = rows[max(begin - 1, 0)].copy()
         before[3] = 0
         found.append((np.vstack([before[np.newaxis], rows[begin:end]]), begin))
     return found
+
+
+def _expect_complete(curve: CurveCounts, where: str, inside: list[tuple[int, int]]) -> None:
+    """Raises InputError for a part of several ones that ends in another phase than the last one of
+    the recording. Samples without a phase may also be in the middle of a stroke."""
+    assert curve.phase is not None
+    last = max(int(curve.phase[end - 1]) for _, end in inside)
+    for _, end in inside:
+        if curve.phase[end - 1] != last:
+            raise InputError(
+                f"{where}: expected parts that end in the same phase of the program, got one that "
+                f"ends in phase {curve.phase[end - 1]} at "
+                f"{curve.begin_s + (end - 1) / curve.rate_hz:.6g} s, and one that ends in phase "
+                f"{last}; correct the phases, or cut the recording into one file for each part"
+            )

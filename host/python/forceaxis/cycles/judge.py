@@ -204,18 +204,29 @@ def phase_number(program: Program, name: str) -> int:
 def leading_phases(program: Program) -> set[int]:
     """Returns the numbers of the phases that any evaluation element uses, and of all phases that
     can come before such a phase."""
+    names = [phase.name for phase in program.phases]
+    used = {names.index(name) for element in program.elements for name in element.phases}
+    return _with_leading(_followers(program), used)
+
+
+def repeated_phases(program: Program) -> set[int]:
+    """Returns the numbers of the phases to which a cycle can come back."""
+    after = _followers(program)
+    return {k for k in range(len(after)) if after[k] & _with_leading(after, {k})}
+
+
+def _followers(program: Program) -> list[set[int]]:
+    """Returns, for each phase, the numbers of the phases that can come next."""
     names = {phase.name: k for k, phase in enumerate(program.phases)}
-    found = {names[name] for element in program.elements for name in element.phases}
-    while True:
-        more = {
-            k
-            for k, phase in enumerate(program.phases)
-            for name in [*(end.next for end in phase.ends), phase.on_limit]
-            if k not in found and names.get(name) in found
-        }
-        if not more:
-            return found
-        found |= more
+    targets = [[*(end.next for end in phase.ends), phase.on_limit] for phase in program.phases]
+    return [{names[name] for name in found if name in names} for found in targets]
+
+
+def _with_leading(after: list[set[int]], found: set[int]) -> set[int]:
+    """Returns the phases `found` and all that can come before them. `after`: as of _followers()."""
+    while more := {k for k, nexts in enumerate(after) if k not in found and nexts & found}:
+        found = found | more
+    return found
 
 
 def expect_followable(judge: "_core.CurveJudge", where: str) -> int:
@@ -278,7 +289,9 @@ def judge_parts(
     )  # fmt: skip
     leading = expect_followable(judge, where) if curve.phase is None else None
     parts: list[JudgedPart] = []
-    for rows, begin in curve_samples.cuts(curve, where, len(program.phases)):
+    for rows, begin in curve_samples.cuts(
+        curve, where, len(program.phases), repeated_phases(program)
+    ):
         report, phases, zeroed_at = judge.judge(rows, leading)
         defect = curve.defect[begin : begin + len(phases)]
         ran = int(np.count_nonzero(phases != AFTER_END))

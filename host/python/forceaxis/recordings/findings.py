@@ -20,6 +20,9 @@ JUMP_FACTOR, JUMP_SHARE, JUMP_NEIGHBOURS = 12.0, 0.05, 4
 SATURATED_SAMPLES = 3
 # Smallest step, in quanta, with which a signal that is cut off reaches its largest value.
 SATURATED_QUANTA = 3.0
+# A contact is lost within several samples. A failed sensor, such as one with a loose cable, comes
+# to the value without contact in one step that is this many times as large as each step before it.
+LOST_FACTOR = 3.0
 # Smallest length in samples of a constant interval that is reported as unusual.
 # CONSTANT_FACTOR: smallest ratio of this length to the usual length of constant intervals.
 CONSTANT_SAMPLES, CONSTANT_FACTOR = 25, 12
@@ -133,14 +136,15 @@ def saturations(
 ) -> Iterator[SignalFinding]:
     """Yields a finding for each interval at the largest or smallest value, if the signal both
     enters and leaves it with a steep step. A converter at an end of its range causes such an
-    interval. A signal begins with the value of a machine at rest. A force of 0 means that there is
-    no contact."""
+    interval. The value with which the signal begins is that of a machine at rest, and a force of 0
+    is that without contact, unless the signal jumps to it in the middle of a stroke."""
     rests = [0.0] if name == "force" else []
     if np.all(values[:SATURATED_SAMPLES] == values[0]):
         rests.append(float(values[0]))
-    for end in {float(values.max()), float(values.min())}.difference(rests):
+    for end in {float(values.max()), float(values.min())}:
         found = runs(values == end)
-        for a, b in found[found[:, 1] - found[:, 0] >= SATURATED_SAMPLES].tolist():
+        found = found[found[:, 1] - found[:, 0] >= SATURATED_SAMPLES]
+        for a, b in _lost(values, found, quantum) if end in rests else found.tolist():
             # An interval is saturation only if the signal both enters and leaves it with a step.
             # A signal that was at rest at an end of its range only leaves the interval.
             if a == 0 or b == len(values):
@@ -151,6 +155,19 @@ def saturations(
                     "saturation", float(time_s[a]), float(time_s[b - 1]), b - a,
                     f"{b - a} samples at {end:.6g}, an end of the range",
                 )  # fmt: skip
+
+
+def _lost(values: Floats, rests: NDArray[np.int64], quantum: float) -> Iterator[tuple[int, int]]:
+    """Yields those of the index ranges `rests` (n, 2) at one value of rest in which the signal was
+    lost: between the first and the last sample away from this value, and entered with a jump."""
+    if not len(rests):
+        return
+    away = np.abs(values - values[rests[0, 0]]) >= JUMP_SHARE * float(np.ptp(values))
+    first, last = int(np.argmax(away)), len(away) - int(np.argmax(away[::-1]))
+    for a, b in rests[(rests[:, 0] > first) & (rests[:, 1] < last)].tolist():
+        steps = np.abs(np.diff(values[max(a - 1 - JUMP_NEIGHBOURS, 0) : a + 1]))
+        if steps[-1] > LOST_FACTOR * max(quantum, float(steps[:-1].max(initial=0.0))):
+            yield a, b
 
 
 def constants(time_s: Floats, values: Floats) -> Iterator[SignalFinding]:

@@ -27,6 +27,9 @@ QUIET_FACTOR = 3.0
 DEVIATION = (0.1587, 0.8413)  # shares of normal values below one deviation under and over the mean
 RISEN_SHARE = 0.1  # share of the largest force above which a contact is a touch-down of its own
 RISING_SAMPLES = 5  # number of successive samples above this share that are no noise
+# A force is flat before a rise if REST_SAMPLES of its samples there, as a share, are within
+# REST_SHARE of the largest force around their median.
+REST_SHARE, REST_SAMPLES = 0.025, 0.8
 LOST_SHARE = 0.5  # force below which a contact is lost, divided by the level of contact
 # the held force is the mean of this share of the signal, at its end
 HELD_SHARE, HELD_LEAST = 0.2, 10
@@ -134,7 +137,13 @@ def _rises_at_once(force: Floats) -> bool:
     first = int(np.argmax(risen))
     if not risen[first : first + RISING_SAMPLES].all():
         return False
-    quiet = np.flatnonzero(force[:first] <= low[-1])
+    before = force[:first]
+    if len(before) >= LEAST_BEFORE:
+        # The first samples may be a transient, such as that of a filter which begins at 0.
+        rest = np.abs(before - np.median(before)) <= REST_SHARE * largest
+        if np.mean(rest) >= REST_SAMPLES:
+            return False
+    quiet = np.flatnonzero(before <= low[-1])
     return len(quiet) == 0 or int(quiet[-1]) < LEAST_BEFORE
 
 
