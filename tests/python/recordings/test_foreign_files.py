@@ -152,6 +152,23 @@ def test_waveforms_of_a_tdms_file_have_their_own_step_start_and_unit(tmp_path):
     assert "wf_increment 0.0005 s of Force" in said
 
 
+@pytest.mark.parametrize("gap_s", [10, 0])
+def test_a_waveform_that_starts_again_is_no_single_one(tmp_path, gap_s):
+    """Segments of one channel with other starts; with the same one, they are one waveform."""
+    begin = np.datetime64("2026-05-14T14:03:04")
+    with TdmsWriter(tmp_path / "press.tdms") as writer:
+        for k in (0, 1):
+            about = {"wf_increment": 1e-3, "unit_string": "N",
+                     "wf_start_time": begin + k * np.timedelta64(gap_s, "s")}  # fmt: skip
+            writer.write_segment([ChannelObject("g", "It's F", FORCE_N, about)])
+    words = ("--map", "force=g/It's F")
+    if gap_s:
+        assert "expected one wf_start_time, got 2" in refused(tmp_path / "press.tdms", *words)
+        return
+    found, _ = imported(tmp_path / "press.tdms", *words)
+    expect(found["force"], np.tile(FORCE_N, 2))
+
+
 def test_a_waveform_without_a_start_is_named_and_others_keep_theirs(tmp_path):
     wave = {"wf_increment": 1e-3, "wf_start_offset": 0.0}
     late = wave | {"wf_start_time": START + np.timedelta64(100, "ms")}
