@@ -197,7 +197,7 @@ def foreign(folder):
     dbc = Names(dbc=(str(folder / "names.dbc"),))
     covers = {
         "press.xlsx": ("recordings.workbook:read_workbook",),
-        "press.tdms": ("recordings.tdms:read_tdms", "recordings.tdms:_rest"),
+        "press.tdms": ("recordings.tdms:read_tdms", "recordings.tdms:_segments"),
         "press.mf4": ("recordings.mdf:read_mdf",),
         "log.log": ("recordings.can_log:_note_end",),
     }

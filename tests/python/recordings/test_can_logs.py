@@ -215,6 +215,38 @@ def test_wrong_files_of_names_are_one_line(tmp_path):
             assert name in refused(tmp_path, file, f"--{kind}", tmp_path / name, *MAPS)
 
 
+def test_frames_of_an_unknown_multiplexer_are_left_out_and_named(tmp_path):
+    file = candump_file(tmp_path)
+    lines = [line.replace("18FF0000#02", "18FF0000#07") for line in file.read_text().splitlines()]
+    file.write_text("\n".join(lines) + "\n")
+    found, said = imported(tmp_path, file, "--dbc", tmp_path / "bus.dbc", *MAPS, "--map", "x=which")
+    np.testing.assert_allclose(found["current"].values, STEPS[::2])
+    np.testing.assert_allclose(found["force"].values, FORCE_N, atol=1e-12)
+    np.testing.assert_array_equal(found["x"].values, np.where(STEPS % 2, 7, 1))
+    assert "Mux: 50 frames with a multiplexer that the DBC does not have, left out" in said
+
+
+def test_two_files_of_names_may_repeat_what_does_not_differ(tmp_path):
+    file = candump_file(tmp_path)
+    press, mux = DBC.index("BO_ 385"), DBC.index(f"BO_ {0x98FF0000}")
+    other = 'BO_ 2015 Diag: 8 Press\n SG_ Req : 0|8@1+ (1,0) [0|0] "{}" Press\n'
+
+    def import_(first, second):
+        (tmp_path / "a.dbc").write_text(DBC[:mux] + first)
+        (tmp_path / "b.dbc").write_text(DBC[:press] + DBC[mux:] + second)
+        return "--dbc", tmp_path / "a.dbc", "--dbc", tmp_path / "b.dbc", *MAPS
+
+    for first, second in (
+        (DBC[mux:], DBC[press:mux]),  # the same
+        (other.format("A"), other.format("V")),  # not in the log
+    ):
+        found, _ = imported(tmp_path, file, *import_(first, second))
+        np.testing.assert_allclose(found["current"].values, STEPS[::2])
+        (tmp_path / "made.npz").unlink()
+    said = refused(tmp_path, file, *import_("", DBC[press:mux].replace("0.5", "0.25")))
+    assert "expected one meaning of 0x181, got Press and Press" in said
+
+
 @pytest.mark.parametrize(("module", "package"), [("can", "python-can"), ("cantools", "cantools")])
 def test_without_its_packages_a_log_names_the_extra(tmp_path, monkeypatch, module, package):
     find = importlib.util.find_spec

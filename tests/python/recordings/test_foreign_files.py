@@ -90,6 +90,17 @@ def test_clock_times_in_a_workbook(tmp_path):
     assert "to 1 ms" in said
 
 
+def test_elapsed_times_in_a_workbook_pass_24_hours(tmp_path):
+    rows = [["Time", "F [N]"], *([(86390 + k / 2) / 86400, float(FORCE_N[k])] for k in range(60))]
+    file = workbook(tmp_path, ("A", rows))
+    book = openpyxl.load_workbook(file)
+    for row in range(2, 62):
+        book.active.cell(row, 1).number_format = "hh:mm:ss.000"
+    book.save(file)
+    found, _ = imported(file, "--map", "force=F")
+    expect(found["force"], FORCE_N, 2, 86390)
+
+
 def test_several_sheets_with_the_column_are_several_recordings(tmp_path):
     rows = [["t_s", "F_N"], *([k / 1000, float(f)] for k, f in enumerate(FORCE_N))]
     file = workbook(tmp_path, ("1", rows), ("2", [*rows[:1], *([t, -f] for t, f in rows[1:])]))
@@ -139,6 +150,23 @@ def test_waveforms_of_a_tdms_file_have_their_own_step_start_and_unit(tmp_path):
         expect(found["force"], FORCE_N, 2000)
         expect(found["position"], 1e-3 * TRAVEL_MM[:20], 500, 0.01)
     assert "wf_increment 0.0005 s of Force" in said
+
+
+@pytest.mark.parametrize("gap_s", [10, 0])
+def test_a_waveform_that_starts_again_is_no_single_one(tmp_path, gap_s):
+    """Segments of one channel with other starts; with the same one, they are one waveform."""
+    begin = np.datetime64("2026-05-14T14:03:04")
+    with TdmsWriter(tmp_path / "press.tdms") as writer:
+        for k in (0, 1):
+            about = {"wf_increment": 1e-3, "unit_string": "N",
+                     "wf_start_time": begin + k * np.timedelta64(gap_s, "s")}  # fmt: skip
+            writer.write_segment([ChannelObject("g", "It's F", FORCE_N, about)])
+    words = ("--map", "force=g/It's F")
+    if gap_s:
+        assert "expected one wf_start_time, got 2" in refused(tmp_path / "press.tdms", *words)
+        return
+    found, _ = imported(tmp_path / "press.tdms", *words)
+    expect(found["force"], np.tile(FORCE_N, 2))
 
 
 def test_a_waveform_without_a_start_is_named_and_others_keep_theirs(tmp_path):
@@ -209,8 +237,10 @@ def test_invalid_samples_and_texts_of_an_mdf_file(tmp_path):
     found, said = imported(file, "--map", "force=Force")
     np.testing.assert_array_equal(found["force"].values, np.delete(FORCE_N, [5, 6]))
     assert "2 invalid samples left out" in said
-    (tmp_path / "made.npz").unlink()
-    assert "expected an array of numbers" in refused(file, "--map", "x=State")
+    assert "raw numbers" not in said
+    found, said = imported(file, "--map", "x=State")
+    np.testing.assert_array_equal(found["x"].values, STEPS % 2)
+    assert "State: raw numbers in place of their texts" in said
 
 
 def test_a_damaged_mdf_file_is_one_line(tmp_path, capfd):
@@ -263,3 +293,25 @@ def test_what_is_in_a_file_is_listed_before_it_is_imported(tmp_path):
     assert "2  F_N     N     t_s" in forceaxis("recording", "info", table).stdout
     missing = forceaxis("recording", "info", tmp_path / "none.csv")
     assert missing.returncode == 2 and missing.stderr.count("\n") == 1
+
+
+FOREIGN = {
+    "log.stcm": (
+        json.dumps({"groupname": "g", "variablename": "v",
+                    "variabledata": [{"x": k, "y": k} for k in range(60)]}).encode(), "v time",
+    ),
+    "run.dat": (b"t_s\tF_N\n" + b"".join(b"%d\t%d\n" % (k, k) for k in range(60)), "F_N"),
+    "press.xls": (b"\xd0\xcf\x11\xe0" + bytes(99), "save it as xlsx or CSV"),
+    "press.mat": (b"MATLAB 5.0 MAT-file Platform: any".ljust(128) + bytes(99), "CSV or Parquet"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_every_file_that_is_imported_or_explained_is_listed_or_explained(tmp_path, name):
+    data, said = FOREIGN[name]
+    (tmp_path / name).write_bytes(data)
+    done = forceaxis("recording", "info", tmp_path / name)
+    assert said in done.stdout + done.stderr and "LCM log with at least" not in done.stderr
+    assert done.returncode == (2 if name.startswith("press") else 0)
+    if done.returncode:
+        assert said in refused(tmp_path / name, "--map", "force=F")

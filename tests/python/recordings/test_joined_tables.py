@@ -74,6 +74,31 @@ def test_other_columns_beside_a_clock_are_not_joined(tmp_path, head, row, said):
         assert ": with " not in printed
 
 
+@pytest.mark.parametrize("wrong", ["500.0", "1000", "-1"])
+def test_no_millisecond_below_the_first_rows_is_named(tmp_path, wrong):
+    lines = [f"08:00:0{k // 100},{k % 100 * 10},{k}" for k in range(600)]
+    signal, _ = imported(tmp_path, table(lines, "Time,ms,F_N\n"), "--map", "force=F_N")
+    assert signal.rate_hz == pytest.approx(100)
+    (tmp_path / "made.npz").unlink()
+    lines[550] = f"08:00:05,{wrong},550"
+    said = refused(tmp_path, table(lines, "Time,ms,F_N\n"), "--map", "force=F_N")
+    assert f"line 552, Time: expected milliseconds from 0 to 999, got '{wrong}'" in said
+
+
+def test_a_duration_beside_a_clock_is_no_part_of_it(tmp_path):
+    """A press takes 480 to 770 ms, once in a second."""
+    lines = [f"08:00:{k:02},{480 + 37 * k % 290},{k}" for k in range(60)]
+    text = table(lines, "Time,Press time [ms],F_N\n")
+    signal, printed = imported(tmp_path, text, "--map", "force=F_N")
+    assert signal.rate_hz == pytest.approx(1) and ": with " not in printed
+
+
+def test_milliseconds_that_do_not_begin_again_with_a_second_are_no_part_of_it(tmp_path):
+    lines = [f"08:00:{k // 2:02},{100 + 7 * k},{k}" for k in range(60)]
+    said = refused(tmp_path, table(lines, "Time,ms,F_N\n"), "--map", "force=F_N")
+    assert "Time: expected" in said and "--rate" in said
+
+
 def test_a_row_without_its_date_has_no_time(tmp_path):
     lines = rows("2024-01-15,14:03:04.{k:03},{f:.3f}")
     lines[20] = lines[20].removeprefix("2024-01-15")

@@ -2,6 +2,7 @@
 libraries of the format; every expected number is one of the arrays below."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -45,7 +46,8 @@ def rows(**columns):
     ]
 
 
-LOGGED_NS = BEGIN_NS + STEPS * 1_000_000  # a message is logged every ms, whenever it was sampled
+LOGGED_NS = BEGIN_NS + STEPS * 1_000_000  # a message is logged every ms
+SLOW_NS = BEGIN_NS + STEPS * 575_000  # the log lags behind more and more, to 15 % of the time
 
 
 STAMPS = {
@@ -60,9 +62,9 @@ STAMPS = {
 
 @pytest.mark.parametrize("stamp", STAMPS)
 def test_the_time_of_a_message_itself_is_its_time(tmp_path, stamp):
-    """The sensor samples at 2000 Hz; the log, with its time of arrival, says 1000 Hz."""
+    """The sensor samples at 2000 Hz; the log, with its time of arrival, says 1739 Hz."""
     name, times = STAMPS[stamp]
-    file = messages(tmp_path, ("/f", "json", rows(**{name: times}, force_N=FORCE_N), LOGGED_NS))
+    file = messages(tmp_path, ("/f", "json", rows(**{name: times}, force_N=FORCE_N), SLOW_NS))
     for more in ((), ("--time", "time_s:s") if stamp == "own seconds" else ()):
         found, said = imported(file, "--map", "force=force_N", *more)
         # seconds since 1970 were rounded to 0.24 us before the file was written
@@ -71,7 +73,7 @@ def test_the_time_of_a_message_itself_is_its_time(tmp_path, stamp):
         np.testing.assert_array_equal(found["force"].values, FORCE_N)
         assert f"the times are those of /f/{name}" in said
     found, said = imported(file, "--map", "force=force_N", "--time", "log_time_ns")
-    assert found["force"].rate_hz == pytest.approx(1000, rel=1e-7)
+    assert found["force"].rate_hz == pytest.approx(1e9 / 575_000, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -80,6 +82,10 @@ def test_the_time_of_a_message_itself_is_its_time(tmp_path, stamp):
         ("stamp_ns", [0] * 400, "are no ascending times"),
         ("t", [21.5, 21.4] * 200, "have no known unit"),
         ("timestamp", STEPS.tolist(), "have no known unit"),
+        ("time_ms", (12.5 + STEPS * 1e-3).tolist(), "last 0.000399 s and not 0.399 s as the log"),
+        ("stamp_ns", [0, *LOGGED_NS[1:].tolist()], "last 1.78e+09 s and not 0.399 s"),
+        ("stamp_ns", [*LOGGED_NS[:9].tolist(), 0, *LOGGED_NS[10:].tolist()], "no ascending times"),
+        ("time_s", (STEPS * 1.3e-3).tolist(), "last 0.519 s and not 0.399 s as the log"),
     ],
 )
 def test_what_is_no_time_leaves_that_of_the_log_and_says_so(tmp_path, name, times, why):
@@ -91,7 +97,7 @@ def test_what_is_no_time_leaves_that_of_the_log_and_says_so(tmp_path, name, time
 def test_signals_of_clocks_that_have_nothing_in_common_are_refused(tmp_path):
     file = messages(
         tmp_path,
-        ("/f", "json", rows(time_s=(STEPS * 5e-4).tolist(), force_N=FORCE_N), LOGGED_NS),
+        ("/f", "json", rows(time_s=(STEPS * 1e-3).tolist(), force_N=FORCE_N), LOGGED_NS),
         ("/x", "json", rows(travel_mm=FORCE_N[:100]), LOGGED_NS[:400:4]),
     )
     maps = ("--map", "position=travel_mm,force=force_N")
@@ -101,6 +107,64 @@ def test_signals_of_clocks_that_have_nothing_in_common_are_refused(tmp_path):
     np.testing.assert_array_equal(found["force"].values, FORCE_N)  # has more samples
     assert [round(s.rate_hz, 6) for s in found] == [250, 1000]
     assert found["force"].time_s[0] == found["position"].time_s[0] == 0
+
+
+def test_signals_without_a_time_in_common_are_named(tmp_path):
+    ahead = (LOGGED_NS + 2_000_000_000).tolist()  # less than ten times their length
+    file = messages(
+        tmp_path,
+        ("/f", "json", rows(stamp_ns=ahead, force_N=FORCE_N), LOGGED_NS),
+        ("/x", "json", rows(travel_mm=FORCE_N), LOGGED_NS),
+    )
+    maps = ("--map", "position=travel_mm,force=force_N")
+    none = "signals without a time in common: position from 0 to 0.399 s and force from 2 to 2.399"
+    assert none in imported(file, *maps)[1]
+    assert "in common" not in imported(file, *maps, "--time", "log_time_ns")[1]
+
+
+@pytest.mark.parametrize("bad", [b"", b"hello"])
+def test_a_topic_that_cannot_be_decoded_leaves_the_others(tmp_path, bad):
+    texts = [*rows(travel_mm=FORCE_N[:9]), bad, *rows(travel_mm=FORCE_N[10:])]
+    file = messages(
+        tmp_path,
+        ("/f", "json", rows(force_N=FORCE_N), LOGGED_NS),
+        ("/x", "json", texts, LOGGED_NS),
+    )
+    found, said = imported(file, "--map", "force=force_N")
+    np.testing.assert_array_equal(found["force"].values, FORCE_N)
+    assert "messages not read: " in said and "expected messages in json on /x, got" in said
+    assert said.count("on /x") == 1
+    done = run(file, "--map", "position=travel_mm")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "expected messages in json on /x, got" in done.stderr
+
+
+DAMAGED = {
+    "unknown text": (b"wstring text\n", b"\0\1\0\0\1\0\0\0x\0\0\0"),
+    "unknown type": (b"other_pkg/Unknown u\n", bytes(12)),
+    "short": (b"float64 a\nfloat64 b\n", b"\0\1\0\0" + bytes(8)),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_a_topic_of_ros_2_that_cannot_be_decoded_leaves_the_others(tmp_path, kind):
+    definition, data = DAMAGED[kind]
+    with (tmp_path / "log.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        good, bad = (
+            writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", text))
+            for topic, name, text in (
+                ("/f", "press_msgs/msg/F", b"float64 force\n"), ("/x", "x/msg/X", definition)
+            )
+        )  # fmt: skip
+        for at, force in zip(LOGGED_NS.tolist(), FORCE_N, strict=True):
+            writer.add_message(bad, at, data, at)
+            writer.add_message(good, at, b"\0\1\0\0" + struct.pack("<d", force), at)
+        writer.finish()
+    found, said = imported(tmp_path / "log.mcap", "--map", "force=/f/force:N")
+    np.testing.assert_array_equal(found["force"].values, FORCE_N)
+    assert "messages not read: " in said and "expected messages in cdr on /x, got" in said
 
 
 def test_two_senders_on_one_topic_are_not_mixed(tmp_path):

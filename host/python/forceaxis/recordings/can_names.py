@@ -103,10 +103,14 @@ def _of_dbc(file: Path) -> list["Message"]:
 
 def _source(log: CanLog, messages: Sequence["Message"]) -> Source:
     known: dict[tuple[int, bool], Message] = {}
+    logged = {(key.number, key.is_extended) for key in log.frames}
     for message in sorted(messages, key=lambda one: RECEIVED in one.name):
-        same = known.setdefault((message.frame_id, message.is_extended_frame), message)
+        number = (message.frame_id, message.is_extended_frame)
+        if number not in logged:
+            continue
+        same = known.setdefault(number, message)
         is_received = RECEIVED in message.name  # what another node sends has its names
-        if same is not message and not is_received:
+        if not is_received and _meaning(same) != _meaning(message):
             raise InputError(
                 f"{log.where}: expected one meaning of 0x{message.frame_id:03X}, got {same.name} "
                 f"and {message.name}; give one of these files alone"
@@ -139,10 +143,20 @@ def _source(log: CanLog, messages: Sequence["Message"]) -> Source:
             f"{_identifiers(log.frames.items())}; " + ("; ".join(log.notes) or "give another file")
         )
     source = ArraySource(log.path, log.kind, heads, arrays)
-    source.notes += log.notes
+    source.notes = log.notes  # those of values come when these are read
     if nameless:
         source.notes.append(f"frames without a name: {_identifiers(nameless.items())}")
     return source
+
+
+def _meaning(message: "Message") -> list[object]:
+    """Returns what a message says about the data of its frames."""
+    signals = [
+        (one.name, one.start, one.length, one.byte_order, one.is_signed, one.is_float, one.scale,
+         one.offset, one.unit, one.multiplexer_ids, one.multiplexer_signal)
+        for one in message.signals
+    ]  # fmt: skip
+    return [message.name, message.length, *signals]
 
 
 class _Decoded:
@@ -150,7 +164,7 @@ class _Decoded:
     message. Others are left out, and a note of the log says so."""
 
     def __init__(self, log: CanLog, message: "Message", frames: Frames) -> None:
-        self._message, self._path = message, log.path
+        self._message, self._path, self._notes = message, log.path, log.notes
         fit = [k for k, data in enumerate(frames.data) if len(data) == message.length]
         self._times_ns = np.array(frames.times_ns, dtype=np.int64)[fit]
         self._data = [frames.data[k] for k in fit]
@@ -174,18 +188,41 @@ class _Decoded:
     @functools.cached_property
     def _all(self) -> dict[str, NDArray[np.float64]]:
         found = {one.name: np.full(len(self._data), np.nan) for one in self._message.signals}
+        others = 0
         with files.parsing(self._path, f"frames of {self._message.name}", "give another DBC"):
             for k, data in enumerate(self._data):
-                for name, value in _decode(self._message, data).items():
+                values, is_known = _decode(self._message, data)
+                others += not is_known
+                for name, value in values.items():
                     found[name][k] = value
+        if others:
+            self._notes.append(
+                f"{self._message.name}: {counted(others, 'frame')} with a multiplexer that the DBC "
+                "does not have, left out for the signals behind it"
+            )
         return found
 
 
-def _decode(message: "Message", data: bytes) -> dict[str, Any]:
-    values = message.decode(data, decode_choices=False, allow_truncated=False)
+def _decode(message: "Message", data: bytes) -> tuple[dict[str, Any], bool]:
+    """Returns (values in a frame, whether the message has its multiplexers). Without, the values
+    are those of the signals that depend on none."""
+    from cantools.database import DecodeError
+    from cantools.database.utils import create_encode_decode_formats, decode_data
+
+    try:
+        values = message.decode(data, decode_choices=False, allow_truncated=False)
+    except DecodeError:
+        plain = [one for one in message.signals if not one.multiplexer_ids]
+        if len(plain) == len(message.signals):
+            raise
+        formats = create_encode_decode_formats(plain, message.length)
+        how = {"decode_choices": False, "scaling": True, "allow_truncated": False}
+        return dict(
+            decode_data(data, message.length, plain, formats, **how, allow_excess=True)
+        ), False
     if not isinstance(values, dict):
         raise ValueError("a container of several messages")
-    return values
+    return values, True
 
 
 def _of_eds(text: str, log: CanLog) -> list["Message"]:

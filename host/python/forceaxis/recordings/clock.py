@@ -5,6 +5,7 @@ therefore subtracted as an integer, before the rest becomes a number in s.
 """
 
 import datetime
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -95,12 +96,32 @@ def is_whole_second(text: str) -> bool:
     return found is not None and bool(found["second"]) and found["part"] is None
 
 
+def is_millisecond(text: str) -> bool:
+    """Returns True if a text is a whole number from 0 to 999."""
+    return text.isdecimal() and int(text) < 1000
+
+
+def are_milliseconds(times: Sequence[str], parts: Sequence[str]) -> bool:
+    """Returns True if texts may be the milliseconds of clock times in whole seconds: whole numbers
+    up to 999 that ascend within a second, and mostly begin again with the next one."""
+    if not all(map(is_millisecond, filter(None, parts))):
+        return False
+    known = [(time, int(part)) for time, part in zip(times, parts, strict=True) if time and part]
+    inside = [b[1] >= a[1] for a, b in itertools.pairwise(known) if a[0] == b[0]]
+    across = [b[1] < a[1] for a, b in itertools.pairwise(known) if a[0] != b[0]]
+    # Without two rows in a second, nothing can be seen.
+    return all(inside) and (not inside or 2 * sum(across) >= len(across))
+
+
 def joined(times: Sequence[str], dates: Sequence[str], parts: Sequence[str]) -> list[str]:
     """Returns the clock times of texts in several columns: times of the day, their dates, and the
     milliseconds behind them. `dates` and `parts` may be empty. A time without its date or its
-    milliseconds is none."""
+    milliseconds is none. Raises ClockError for other milliseconds than 0 to 999."""
     found = list(times)
     if parts:
+        wrong = (k for k, part in enumerate(parts) if part and not is_millisecond(part))
+        if (row := next(wrong, None)) is not None:
+            raise ClockError(row, f"expected milliseconds from 0 to 999, got {parts[row][:40]!r}")
         found = [f"{a}.{int(b):03}" if a and b else "" for a, b in zip(found, parts, strict=True)]
     if dates:
         found = [f"{b} {a}" if a and b else "" for a, b in zip(found, dates, strict=True)]

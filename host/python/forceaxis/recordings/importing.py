@@ -204,7 +204,7 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
             delayed = delays.get(one.name, 0.0)
             signal = _with_findings(signal, delayed, request.without_spikes, own)
             signals.append(_on_clock(signal, signals))
-        _expect_one_clock(signals, source.where)
+        _expect_one_clock(signals, source.where, own)
         used = {one.place for one in maps} | times.used
         rest = tuple(head.name for place, head in enumerate(source.heads) if place not in used)
         about = RecordingSource(path.name, source.kind, *digest, times.origin_s, rest)
@@ -213,21 +213,27 @@ def _import_parts(source: Source, path: Path, request: ImportRequest) -> list[Im
     return found
 
 
-def _expect_one_clock(signals: Sequence[RecordedSignal], where: str) -> None:
+def _expect_one_clock(signals: Sequence[RecordedSignal], where: str, notes: list[str]) -> None:
     """Raises InputError for signals whose times are so far apart that they are of several clocks,
-    such as one that begins in 1970 and one that begins with the program."""
+    such as one that begins in 1970 and one that begins with the program. `notes`: receives signals
+    that have no time in common."""
     spans = [(s.time_s[0], s.time_s[-1]) for s in signals]
     longest = max(end - begin for begin, end in spans)
     (last, late), (first, early) = (
         max(zip(spans, signals, strict=True), key=lambda one: one[0][0]),
         min(zip(spans, signals, strict=True), key=lambda one: one[0][1]),
     )
+    stretches = (
+        f"{early.name} from {first[0]:.6g} to {first[1]:.6g} s and {late.name} from "
+        f"{last[0]:.6g} to {last[1]:.6g} s"
+    )
     if last[0] - first[1] > APART * longest:
         raise InputError(
-            f"{where}: expected signals of the same time, got {early.name} from {first[0]:.6g} to "
-            f"{first[1]:.6g} s and {late.name} from {last[0]:.6g} to {last[1]:.6g} s; import them "
-            "one by one, or choose their times by `time`"
+            f"{where}: expected signals of the same time, got {stretches}; import them one by one, "
+            "or choose their times by `time`"
         )
+    if last[0] > first[1]:
+        notes.append(f"signals without a time in common: {stretches}")
 
 
 def _digest(path: Path) -> tuple[str, int]:

@@ -87,9 +87,15 @@ class _Mdf(ArraySource):
         """Returns the physical values of a channel, NaN where the file says that they are invalid.
         Raises InputError."""
         name = self._file.groups[group].channels[index].name
+        get = partial(self._file.get, group=group, index=index, ignore_invalidation_bits=True)
         with files.parsing(self._path, f"values of {name}", REMEDY):
             with files.remarks("asammdf") as said:
-                signal = self._file.get(group=group, index=index, ignore_invalidation_bits=True)
+                signal = get()
+                if np.asarray(signal.samples).dtype.kind in "SUO":
+                    raw = get(raw=True)
+                    if np.asarray(raw.samples).dtype.kind in "iufb":  # texts that stand for numbers
+                        signal = raw
+                        self._note(f"{name}: raw numbers in place of their texts")
             if said:
                 raise ValueError(said[0])
         values = np.asarray(signal.samples)
@@ -101,11 +107,13 @@ class _Mdf(ArraySource):
             )
         invalid = np.asarray([] if signal.invalidation_bits is None else signal.invalidation_bits)
         if invalid.any() and values.dtype.kind in "iufb":
-            note = f"{name}: {counted(int(invalid.sum()), 'invalid sample')} left out"
-            if note not in self.notes:
-                self.notes.append(note)
+            self._note(f"{name}: {counted(int(invalid.sum()), 'invalid sample')} left out")
             values = np.where(invalid, np.nan, values.astype(np.float64))
         return values
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
 
 
 def _group_names(file: Any, groups: list[int]) -> dict[int, str]:

@@ -1,6 +1,9 @@
 """Logs of messages as sources of recordings: LCM logs, and MCAP files with messages of forceaxis,
 in JSON or in CDR of ROS 2. Each channel is a group of columns CHANNEL/field."""
 
+import contextlib
+import functools
+import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +35,7 @@ MOST_ITEMS = 64  # largest number of items of a list that become columns
 LARGEST_INTEGER = 1 << 62
 ASCENDING_SHARE = 0.9  # smallest share of the steps of a time that are not negative
 NEAR_S = 86400.0  # largest difference between a time since 1970 and the time of the log
+SPAN_SHARE = 0.2  # largest relative difference between the spans of stated and of logged times
 Decoder = Callable[[bytes], object]
 
 
@@ -42,10 +46,11 @@ def read_messages(path: Path) -> Source:
         is_mcap = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
     tables, others, damage = log_tables.tables_of(reader_of(path))
     notes: list[str] = []
+    wrong: list[str] = []
     if not tables and is_mcap:
-        tables, others, damage = _tables_of_others(path, notes)
+        tables, others, damage = _tables_of_others(path, notes, wrong)
     if not tables:
-        raise InputError(damage or (
+        raise InputError(damage or "; ".join(wrong) or (
             f"{paths.display(path)}: expected messages of forceaxis"
             f"{', in JSON or in CDR' * is_mcap}, got "
             + (f"only those of {', '.join(others)}" if others else "no message")
@@ -66,6 +71,8 @@ def read_messages(path: Path) -> Source:
     source.notes += [damage] if damage else []
     source.notes += notes
     source.notes += [f"messages not read: {', '.join(others)}"] if others and is_mcap else []
+    source.notes += [f"messages not read: {error}" for error in wrong]
+    source.unread = "; ".join(wrong)
     return source
 
 
@@ -83,10 +90,17 @@ def _time_of(channel: str, columns: log_tables.Table, notes: list[str]) -> tuple
         return LOG_TIME, None
     values = columns[own]
     unit = split_name(own)[1] or _unit_since_1970(values, columns[LOG_TIME])
-    is_unit = unit is not None and factor_of(unit, "s") is not None
-    if is_unit and values.dtype.kind in "if" and _is_clock(values.astype(np.float64)):
-        return own, unit
-    why = "are no ascending times" if is_unit else "have no known unit"
+    size_s = factor_of(unit, "s") if unit is not None else None
+    if size_s is None:
+        why = "have no known unit"
+    elif values.dtype.kind not in "if" or not _is_clock(values.astype(np.float64)):
+        why = "are no ascending times"
+    else:
+        span_s, log_s = size_s * float(np.ptp(values)), float(np.ptp(columns[LOG_TIME])) / NS_PER_S
+        # A log that states one time for all messages says nothing.
+        if not log_s or abs(span_s - log_s) <= SPAN_SHARE * log_s:
+            return own, unit
+        why = f"last {span_s:.3g} s and not {log_s:.3g} s as the log"
     notes.append(
         f"the times of {channel} are those of the log, as those of {own} {why}; `time` {own}:UNIT "
         "chooses them"
@@ -95,8 +109,9 @@ def _time_of(channel: str, columns: log_tables.Table, notes: list[str]) -> tuple
 
 
 def _is_clock(values: Floats) -> bool:
+    """Returns True if values are ascending times. A fall to 0 is a time that nobody has set."""
     steps = np.diff(values)
-    if not np.isfinite(values).all() or not len(steps):
+    if not np.isfinite(values).all() or not len(steps) or (values[1:][steps < 0] == 0).any():
         return False
     return bool(values[-1] > values[0] and (steps >= 0).mean() >= ASCENDING_SHARE)
 
@@ -128,43 +143,48 @@ def _unit_since_1970(values: Any, log_ns: Any) -> str | None:
 
 
 def _tables_of_others(
-    path: Path, notes: list[str]
+    path: Path, notes: list[str], wrong: list[str]
 ) -> tuple[dict[str, log_tables.Table], list[str], str | None]:
     """Reads the messages of another program in an MCAP file. Returns (tables, topics, damage).
-    `tables`: {topic: {field: values}} with all numbers. `topics`: topics with messages that cannot
-    be read. `damage`: one text line about damage of the file, or None."""
+    `tables`: {topic: {field: values}} with all numbers. `topics`: topics with messages of kinds
+    that are not read. `damage`: one text line about damage of the file, or None. `wrong`: receives
+    an error for each channel with a message that cannot be decoded; none of its messages is in the
+    tables."""
     from forceaxis.bus.mcap_file import McapReader
 
     reader = McapReader(path)
     decoders: dict[int, Decoder | None] = {}
     names: dict[int, str] = {}
-    rows: dict[str, list[Row]] = {}
+    rows: dict[int, list[Row]] = {}
     others: dict[str, None] = {}
     long: dict[str, None] = {}
     for channel, message in reader.messages():
-        wrong = files.parsing(
-            path, f"messages in {channel.message_encoding} on {channel.topic}",
-            "export the data as CSV",
-        )  # fmt: skip
-        with wrong:
-            if channel.id not in decoders:
-                decoders[channel.id] = _decoder(path, channel, reader.schema_of(channel))
-                names[channel.id] = _name_of(channel.topic, names, notes)
-            decode = decoders[channel.id]
-            if decode is None:
+        if channel.id not in decoders:
+            decoders[channel.id] = _decoder(path, channel, reader.schema_of(channel))
+            names[channel.id] = _name_of(channel.topic, names, notes)
+            if decoders[channel.id] is None:
                 others[f"{channel.topic} ({channel.message_encoding or 'no encoding'})"] = None
-                continue
-            row: Row = dict(_numbers("", decode(message.data), long))
+        if (decode := decoders[channel.id]) is None:
+            continue
+        kind = f"messages in {channel.message_encoding} on {channel.topic}"
+        try:
+            with files.parsing(path, kind, "export the data as CSV"):
+                row: Row = dict(_numbers("", decode(message.data), long))
+        except InputError as error:
+            wrong.append(str(error))
+            decoders[channel.id] = None
+            rows.pop(channel.id, None)
+            continue
         row[LOG_TIME] = message.log_time
-        rows.setdefault(names[channel.id], []).append(row)
+        rows.setdefault(channel.id, []).append(row)
     if long:
         notes.append(f"lists of more than {MOST_ITEMS} items left out: {', '.join(long)}")
     tables: dict[str, log_tables.Table] = {}
-    for name, own in rows.items():
+    for number, own in rows.items():
         columns = log_tables.Columns()
         for row in own:
             columns.add(row)
-        tables[name] = columns.arrays()
+        tables[names[number]] = columns.arrays()
     return tables, list(others), reader.damage
 
 
@@ -188,7 +208,12 @@ def _decoder(path: Path, channel: "Channel", schema: "Schema | None") -> Decoder
     expect_package(paths.display(path), "mcap_ros2", "mcap-ros2-support", "mcap")
     from mcap_ros2.decoder import DecoderFactory
 
-    return DecoderFactory().decoder_for(channel.message_encoding, schema)
+    @functools.cache
+    def decoder() -> Decoder | None:  # a damaged schema is an error of the first message
+        with contextlib.redirect_stderr(io.StringIO()):  # the library prints what is wrong
+            return DecoderFactory().decoder_for(channel.message_encoding, schema)
+
+    return lambda data: (found := decoder()) and found(data)
 
 
 def _numbers(prefix: str, value: object, long: dict[str, None]) -> Iterator[tuple[str, float]]:

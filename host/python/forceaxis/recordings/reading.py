@@ -20,8 +20,6 @@ from forceaxis.recordings.table import read_tables
 from forceaxis.recordings.tdms import read_tdms
 from forceaxis.recordings.workbook import read_workbook
 
-# suffixes of files that contain a table of numbers, such as CSV
-TABLES = (".csv", ".tsv", ".txt", ".parquet")
 LCM_MARK = b"\xed\xa1\xda\x01"  # first bytes of an LCM log
 
 
@@ -64,6 +62,11 @@ KINDS = "a file of the kind CSV, xlsx, NPZ, Parquet, TDMS, MDF, MCAP, LCM log, C
 FOREIGN = (
     (b"TDSh", "the index of a TDMS file of LabVIEW", "import the TDMS file beside it"),
     (b"\xd0\xcf\x11\xe0", "a workbook of Excel 97", "save it as xlsx or CSV"),
+    (
+        b"MATLAB ",
+        "a MAT file of MATLAB",
+        "write its signals as CSV or Parquet, such as by writetable",
+    ),
 )
 
 
@@ -77,8 +80,7 @@ def is_foreign(path: Path) -> bool:
     if start.startswith(MCAP_MAGIC):
         reader = reader_of(path)
         return not any(True for _ in reader) and bool(getattr(reader, "others", {}))
-    is_known = any(start.startswith(mark) for mark, _ in READERS if mark != LCM_MARK)
-    return is_known or path.suffix.lower() in TABLES or can_log.reader_of(start) is not None
+    return bool(start) and not start.startswith(LCM_MARK)
 
 
 def read_sources(

@@ -292,9 +292,8 @@ class TableSource(Source):
         times_s = np.empty(self._section.rows)
         for row, count, text in self._section.texts(self._path):
             lines = text.removesuffix("\n").split("\n")
-            cells = joined([self._section.dialect.cells(line) for line in lines])
             try:
-                times_ns = reader.read(cells)
+                times_ns = reader.read(joined([*map(self._section.dialect.cells, lines)]))
             except ClockError as error:
                 raise self._no_time(place, row + error.row, error) from None
             known = times_ns != NO_TIME_NS
@@ -327,11 +326,11 @@ class TableSource(Source):
         rows, behind = self._section.samples, place + 1
         if behind >= len(self.heads) or self._section.kinds[behind] != NUMBER:
             return None
-        head, parts = self.heads[behind], list(filter(None, _texts(rows, behind)))
-        is_named = head.name.casefold() in MILLISECONDS or head.unit == "ms"
-        is_whole = all(part.isdecimal() and int(part) < 1000 for part in parts)
-        has_none = all(map(clock.is_whole_second, filter(None, _texts(rows, place))))
-        return behind if is_named and is_whole and has_none else None
+        times = _texts(rows, place)
+        is_named = self.heads[behind].name.casefold() in MILLISECONDS
+        has_none = all(map(clock.is_whole_second, filter(None, times)))
+        is_fit = is_named and has_none and clock.are_milliseconds(times, _texts(rows, behind))
+        return behind if is_fit else None
 
     def _exact_clock(self, place: int) -> Clock:
         """Returns times with more digits than a number in the memory. The first one is subtracted

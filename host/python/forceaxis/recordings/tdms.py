@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 import struct
 from collections.abc import Sequence
 from functools import partial
@@ -23,6 +24,11 @@ UNITS = ("unit_string", "NI_UnitDescription")
 STEP, OFFSET, START, STEP_UNIT = (
     "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string",
 )  # fmt: skip
+# The path of a channel in the head of a segment, or the start of a waveform: 16 bytes
+OBJECT_OR_START = re.compile(
+    rb"(?P<name>/'(?:[^']|'')*'/'(?:[^']|'')*')|wf_start_time(?:D\0\0\0|\0\0\0D)(?P<start>.{16})",
+    re.DOTALL,
+)
 LEAD_BYTES = 28  # size of the head of a segment; the head contains the length of the rest
 # an earlier start time means that nobody has set the start time
 FIRST_START = np.datetime64("1971-01-01")
@@ -49,29 +55,48 @@ def read_tdms(path: Path) -> Source:
             for group in groups
             for head in _heads(group, channels.index(group[0]) if group else 0, begins_s)
         ]
-        if file.file_status.incomplete_final_segment or _rest(path):
+        rest, starts = _segments(path)
+        if file.file_status.incomplete_final_segment or rest:
             remarks.append("its last segment is not complete, so samples may be lost")
-    source = ArraySource(path, "TDMS", heads, [partial(_array, path, one) for one in channels])
+    arrays = [
+        partial(_array, path, one, 0 if head.time is not None else len(starts.get(one.path, ())))
+        for one, head in zip(channels, heads, strict=True)
+    ]
+    source = ArraySource(path, "TDMS", heads, arrays)
     source.is_whole = True
     source.notes += notes
     source.notes += [f"damaged or cut off: {remark}" for remark in remarks]
     return source
 
 
-def _rest(path: Path) -> int:
-    """Returns the number of bytes behind the last complete head of a segment, of which the library
-    says nothing."""
+def _segments(path: Path) -> tuple[int, dict[str, set[bytes]]]:
+    """Reads what the library does not say of the segments of a file. Returns (number of bytes
+    behind the last complete head of a segment, {path of a channel: its starts as stored})."""
     begin, size = 0, path.stat().st_size
+    starts: dict[str, set[bytes]] = {}
     with path.open("rb") as file:
         while size - begin >= LEAD_BYTES:
             file.seek(begin)
-            length = struct.unpack("<4s2IQQ", file.read(LEAD_BYTES))[3]
+            _, _, _, length, data = struct.unpack("<4s2IQQ", file.read(LEAD_BYTES))
+            name = ""
+            for found in OBJECT_OR_START.finditer(file.read(min(data, length, size))):
+                if found["start"] is None:
+                    name = found["name"].decode(errors="replace")
+                else:
+                    starts.setdefault(name, set()).add(found["start"])
             begin += LEAD_BYTES + length
-    return max(size - begin, 0)
+    return max(size - begin, 0), starts
 
 
-def _array(path: Path, channel: Any) -> NDArray[np.generic]:
-    """Returns the scaled values of a channel. Raises InputError."""
+def _array(path: Path, channel: Any, starts: int) -> NDArray[np.generic]:
+    """Returns the scaled values of a channel. `starts`: number of the starts of its
+    waveform, if these give its times. Raises InputError."""
+    if starts > 1 and channel.properties.get(STEP):
+        raise InputError(
+            f"{paths.display(path)}: {channel.path}: expected one {START}, got {starts} in "
+            "segments behind each other, with unknown times between them; export each of them as a "
+            "file"
+        )
     with files.parsing(path, f"values of {channel.path}", REMEDY), files.remarks("nptdms") as said:
         values = np.asarray(channel[:])
     if said:

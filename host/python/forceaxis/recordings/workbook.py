@@ -16,6 +16,8 @@ from forceaxis.recordings.table import TableSource, tables_in
 
 DIALECT = Dialect("utf-8", "\t", ".")
 MOST_ROWS, MOST_COLUMNS = 1 << 20, 1 << 14  # of a sheet, by the format
+# Cells with a clock time of 24 hours and more are dates to openpyxl.
+ELAPSED_BEGIN, ELAPSED_END = datetime.datetime(1899, 12, 31), datetime.datetime(1900, 3, 1)
 # Characters that would end a field or a line of the text table
 FIELD_ENDS = str.maketrans(
     {**dict.fromkeys("\t\n\r\v\f\0\x1c\x1d\x1e\x85\u2028\u2029", " "), '"': "'"}
@@ -91,6 +93,8 @@ def _field(cell: object) -> str:
     if isinstance(cell, float):
         text = repr(cell)
         return text if "e" in text or not text[-1].isdecimal() else f"{text}e0"
+    if isinstance(cell, datetime.datetime) and cell < ELAPSED_END:  # a clock time of 24 h and more
+        cell -= ELAPSED_BEGIN
     if isinstance(cell, datetime.timedelta):
         seconds, part_us = divmod(round(cell / datetime.timedelta(microseconds=1)), 10**6)
         return f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}.{part_us:06}"
