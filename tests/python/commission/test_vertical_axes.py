@@ -348,7 +348,7 @@ def test_a_refusal_after_the_law_was_written_puts_the_earlier_output_back(tmp_pa
         with as_found.restoring(work):
             with tune_measure.temporary(axis, checked.settings):
                 pass
-            tune.write(work, SimpleNamespace(objects=law))
+            tune.write(work, SimpleNamespace(objects=law), checked)
             assert axis.read("output_bias") == checked.settings["output_bias"]
             tune._restore_earlier_law(work)
         assert axis.get(*before) == before
