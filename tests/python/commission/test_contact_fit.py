@@ -11,7 +11,7 @@ import hidden_machine
 import numpy as np
 import pytest
 import verbs
-from forceaxis import _core, paths
+from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.cli.contact import rows_of
 from forceaxis.commission import (
@@ -22,6 +22,7 @@ from forceaxis.commission import (
     contact_sampler,
     contact_search,
     contact_secant,
+    contact_timing,
 )
 from forceaxis.commission.contact_likelihood import ContactProblem
 from forceaxis.commission.contact_sampler import Drawn
@@ -116,6 +117,52 @@ def press_touch(folder, *more):
         time_s=np.arange(len(run["dac"])) / 1500,
     ))  # fmt: skip
     return str(file), recording
+
+
+@pytest.fixture(scope="module")
+def bus_touch(tmp_path_factory):
+    """The model of a press on a bus of 4 ms, and the ticks of its contact."""
+    return press_touch(
+        tmp_path_factory.mktemp("bus") / "servo", "--bus-cycle-ms", 4, "--sensor-rate-hz", 1000
+    )
+
+
+@pytest.mark.parametrize("later", range(6))
+def test_a_recording_over_a_bus_that_begins_in_motion_has_its_speed(bus_touch, later):
+    """A position comes once in six ticks, so that two ticks hold none or one: the axis was taken
+    for one at rest."""
+    model, recording = bus_touch
+    onset = int(np.argmax(recording["force"].values > 20))
+    place = recording["position"].values
+    speed = 1500 * np.polyfit(range(60), place[onset - 80 : onset - 20], 1)[0]
+    used = slice(onset - 100 + later, None)
+    part = dataclasses.replace(recording, signals=tuple(
+        dataclasses.replace(one, time_s=one.time_s[used] - one.time_s[used][0],
+                            values=one.values[used])
+        for one in recording
+    ))  # fmt: skip
+    touch = contact_data.touch_downs(model, [("touch", part)], {}).touches[0]
+    assert touch.speed[0] == pytest.approx(speed, rel=0.15) and speed > 1e-3
+
+
+def test_a_code_takes_its_time_over_a_bus_without_a_position_too(bus_touch):
+    """Without one the phase of the bus is not known: the code is late by its mean, +-2.5 ticks."""
+    model, recording = bus_touch
+    others = tuple(one for one in recording if one.name != "position")
+    alone = dataclasses.replace(recording, signals=others)
+    facts = linear.facts(model)
+    times = recording["code"].time_s
+    sent = recording["code"].values
+    codes = [contact_timing.at_instants(one, facts)[0].held("code", times)
+             for one in (recording, alone)]  # fmt: skip
+
+    def late(values):
+        """The mean delay in ticks of a signal that rises: the area between it and what was sent."""
+        rise = slice(0, int(np.argmax(sent)) + 30)
+        return np.sum(sent[rise] - values[rise]) / (values[rise][-1] - values[0])
+
+    assert late(codes[0]) > 3
+    assert late(codes[1]) == pytest.approx(late(codes[0]), abs=2.6)
 
 
 @pytest.mark.parametrize(("rate", "ways"), [

@@ -84,6 +84,28 @@ def test_a_press_on_a_bus_with_a_filter_is_explained(tmp_path):
     assert low < 1.1e8 < high and high / low < 1.1
 
 
+@pytest.mark.parametrize("ms", [20, 8])
+def test_the_speed_at_a_contact_is_that_of_at_least_two_positions(tmp_path, monkeypatch, ms):
+    """A bus of 20 ms brings one position in 30 ticks: the last 15 ticks had none, or one. The ticks
+    are counted, and not the samples of a sensor of 1 kHz."""
+    values = {"drive": "velocity", "bus_cycle_ms": str(ms), "workpiece_stiffness_n_per_m": "2e6",
+              "sensor_rate_hz": "1000"}  # fmt: skip
+    new.write(tmp_path / "slow", *data_sheet.collect(values))
+    monkeypatch.setattr(incident_explain.Released, "causes", lambda released: ())
+    hidden = ["firmware.mode=force", "firmware.force_max=20"]
+    found = incident_study.incident_of(SimLink(tmp_path / "slow/contact.toml", hidden), 4.0)
+    model = str(tmp_path / "slow/model.toml")
+    result = explain(found, ExplainOrder(model)).result
+    end = found.recording.trigger_sample + round(1500 * result.touch_s)
+    cycle = round(1.5 * ms)
+    place = found.column("position")[end - 8 * cycle : end]
+    speed = 1500 * np.polyfit(range(len(place)), place, 1)[0]
+    speed /= linear.facts(model).required_encoder.scale
+    assert result.speed_m_per_s == pytest.approx(speed, rel=0.1) and speed > 1e-3
+    run_up = round(1500 * incident_problem.RUN_UP_S)
+    assert result.ticks == pytest.approx(found.recording.trigger_sample + 1 - run_up, abs=1)
+
+
 def test_an_encoder_that_slips_is_found(tmp_path):
     found = incident_study.provoked(tmp_path, incident_study.TWELVE["encoder slip"])
     result = explain(found, ORDER).result

@@ -3,6 +3,7 @@ what it refuses is refused by name and leaves the axis as it was."""
 
 import functools
 import json
+import math
 from types import SimpleNamespace
 
 import live_axes
@@ -228,6 +229,31 @@ def test_the_free_response_does_not_touch(axis_file):
     ):
         analyzer.free()
     assert refused.value.name == "contact"
+
+
+@pytest.mark.parametrize(("own_N", "asked_N", "bound_N", "remedy"), [
+    (0.0, 150.0, 150.0, "give a larger `force_max_N` or"),
+    (100.0, 150.0, 100.0, "raise the object force_max of the axis, 40 counts, or"),
+    (100.0, math.inf, 100.0, "raise the object force_max of the axis, 40 counts, or"),
+    (200.0, 150.0, 150.0, "give a larger `force_max_N` or"),
+    (0.0, math.inf, None, "the set-point; give other forces"),
+])  # fmt: skip
+def test_the_force_bound_that_acted_is_the_one_that_is_told(
+    axis_file, own_N, asked_N, bound_N, remedy
+):
+    """The smaller one of the request and of the axis; of no bound the text said "inf N"."""
+    with Axis(SimLink(axis_file())) as axis:
+        axis.acquire()
+        axis.set(force_max=own_N / 2.5)
+        order = MeasuringOrder(force_max_N=asked_N, averages=4, amplitude=8)
+        with Analyzer(axis, order) as analyzer:
+            rest = analyzer.rest()
+            level = analyzer.contact(30.0)
+    assert measuring.result_of(analyzer, level, rest).summary.force_max_allowed_N == bound_N
+    level.aborts.append(Abort(8, "ended_force"))
+    text = analyzer._remedy(level)
+    assert remedy in text and "inf" not in text
+    assert (f"the force bound of {bound_N:g} N;" in text) if bound_N else "bound" not in text
 
 
 def test_a_quiet_reading_is_hinted_at(axis_file):

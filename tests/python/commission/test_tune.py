@@ -1451,6 +1451,26 @@ def test_a_changed_request_keeps_what_the_kept_results_were_made_with(plants, de
         assert not {"measure", "fit", "design"} & work.kept
 
 
+@pytest.mark.parametrize("written", [False, True])
+def test_a_smaller_force_max_of_the_request_is_what_the_axis_keeps(plants, designed, written):
+    """With a design that was kept, the axis stored the larger bound of the earlier request; also
+    if the earlier run had written it and was killed then."""
+    less_N = 0.9 * FORCE_MAX_N
+    with Axis(link(plants)) as axis:
+        if written:
+            work = tune.Tuning(axis, order(plants), designed)
+            work.run("write")
+            assert axis.number("force_max") * axis.number("force_scale") * 1e-6 > less_N
+        work = tune.Tuning(axis, order(plants, force_max_N=less_N), designed)
+        assert "design" in work.kept
+        work.run("check")
+        with as_found.restoring(work):
+            tune.write(work, tune.DESIGN.result(work), tune.CHECK.result(work))
+        bound_N = axis.number("force_max") * axis.number("force_scale") * 1e-6
+        assert 0.99 * less_N < bound_N <= less_N
+        assert axis.get("certificate_state_1") == {"certificate_state_1": "fits"}
+
+
 def test_a_law_that_is_not_found_for_the_smaller_ms_does_not_hide_why(
     plants, designed, monkeypatch
 ):

@@ -234,6 +234,23 @@ def test_a_counterbalance_carries_its_part_of_the_weight(tmp_path, counter_N):
     assert int(found) == pytest.approx(-(rest_N - 1) / (22 * 6 / 2048), abs=3)
 
 
+def test_a_counterweight_is_accelerated_and_pulls_the_other_way(tmp_path):
+    """As the guide gives one of 0.5 kg: its own weight counted downwards, and only half of it was
+    taken off."""
+    page = (Path(__file__).resolve().parents[3] / "docs/guide/kinds/vertical_head.md").read_text()
+    ((kg, newton, held_kg),) = re.findall(
+        r"With 0.5 kg these are (\S+) kg and (\S+) N, and the drive holds the weight of (\S+) kg",
+        page,
+    )
+    assert float(kg) == HEAD["moving_mass_kg"] + 0.5
+    written(tmp_path, **HEAD | {"moving_mass_kg": float(kg), "counterbalance_n": float(newton)})
+    model = tmp_path / "mine/model.toml"
+    assert known.weight(model).newton == pytest.approx((1.6 - 0.5) * 9.81, rel=1e-3)
+    assert float(held_kg) == pytest.approx(1.6 - 0.5)
+    assert linear.facts(model).parameters["m_axis"].value == pytest.approx(1.6 + 0.5)
+    assert "twice its weight" in " ".join(forceaxis(tmp_path, "new", "--help").stdout.split())
+
+
 def test_a_counterbalance_of_a_level_axis_is_refused(tmp_path):
     done = forceaxis(tmp_path, "new", "mine", "--yes", "--no-design", "--counterbalance-n", "5")
     assert done.returncode == 2 and "inclination" in done.stderr

@@ -46,8 +46,9 @@ def check(
 
     An axis with a weight, by its model or by an output_bias other than 0, gets the output_bias that
     was measured at standstill; --output counts from it. The brake of the model gives
-    brake_engage_ticks. At the end the axis is disabled, and all parameters but these two and
-    force_tare have their earlier values.
+    brake_engage_ticks, and a weight may need a larger first_motion_counts and first_motion_speed.
+    At the end the axis is disabled, and all parameters but these and force_tare have their earlier
+    values.
 
     The exit status is 1 if a step fails. Without --yes and without a terminal the axis stays still.
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |

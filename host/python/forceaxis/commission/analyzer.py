@@ -699,11 +699,15 @@ class Analyzer:
             where = "out of contact" if level.bias_N is None else "in contact"
             return f", the travel of {counts} counts {where}; {order.wider(bound, 2 * counts)}"
         if why.startswith("ended_force"):
-            return (
-                f", a force of {FORCE_MIN_SHARE + FORCE_MARGIN_SHARE:g} times the set-point or the "
-                f"force bound of {order.force_max_N:g} N; give a larger `force_max_N` or other "
-                "forces"
-            )
+            text = f", a force of {FORCE_MIN_SHARE + FORCE_MARGIN_SHARE:g} times the set-point"
+            most_N = self.force_max_N
+            if not math.isfinite(most_N):
+                return f"{text}; give other forces"
+            larger = "give a larger `force_max_N`"
+            if most_N < order.force_max_N:
+                counts = self.objects.force_max
+                larger = f"raise the object force_max of the axis, {counts:g} counts,"
+            return f"{text} or the force bound of {most_N:.4g} N; {larger} or give other forces"
         return ""
 
     def _force_counts(self, held: Recording) -> Samples:

@@ -32,6 +32,9 @@ TRAVEL_CNT, OUTPUT_CODES = 400, 250
 # Smallest distance of the first motion test, divided by the travel while the drive takes a weight.
 # In this travel, a drive with an integral takes over the weight from the brake.
 SAG_FACTOR = 2.0
+# Objects of which an axis with a weight or a brake keeps the larger value. Without them it falls or
+# has a fault when it is enabled or disabled the next time.
+RAISED = ("brake_engage_ticks", "first_motion_counts", "first_motion_speed")
 # steps in which the axis moves
 MOVING_STEPS = ("first motion", "move", "weight")
 # HOLD_S: time in s for which the position law holds the axis before its output is read.
@@ -229,7 +232,7 @@ class MotionCheckResult:
 class MotionCheck:
     """The first motion test of an axis that this program owns and that is disabled. After run(),
     the axis is disabled, and all parameters have their previous values, except `force_tare` and,
-    for an axis with a weight or a brake, `output_bias` and `brake_engage_ticks`."""
+    for an axis with a weight or a brake, `output_bias` and the objects RAISED."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
@@ -242,7 +245,7 @@ class MotionCheck:
         self.weight = weight
         self.bias = 0.0  # value of output_bias during the motion
         self.learned: float | None = None  # value of output_bias that was measured
-        self.engages = 0  # value of brake_engage_ticks from the motion on
+        self.raised: dict[str, float] = {}  # larger values of the objects RAISED
         self.steps: list[CheckStep] = []
 
     @property
@@ -260,20 +263,10 @@ class MotionCheck:
         self._connection()
         if not self._table():
             return
-        self.known = self.axis.record(CheckedObjects)
-        if self.weight:
-            # The output that holds the weight has a rounding error of up to half a step.
-            rounding = 2.0 ** (12 - self.known.dac_bits) / 2
-            drift = rounding * self.weight.drift_counts if self._weighs else 0.0
-            sag = math.ceil(SAG_FACTOR * (self.weight.sag_counts + drift))
-            sag = min(sag, round(BY_NAME["first_motion_counts"].max))
-            counts = max(self.known.first_motion_counts, sag)
-            # An axis that is accelerated over a longer way becomes faster with its square root.
-            faster = math.sqrt(counts / self.known.first_motion_counts)
-            speed = min(faster * self.known.first_motion_speed, BY_NAME["first_motion_speed"].max)
-            self.known = replace(
-                self.known, first_motion_counts=counts, first_motion_speed=float(round(speed))
-            )
+        held = self.axis.record(CheckedObjects)
+        self.known = self._for_weight(held, self.weight) if self.weight else held
+        values = {name: getattr(self.known, name) for name in RAISED}
+        self.raised = {n: value for n, value in values.items() if value != getattr(held, n)}
         self.bias = self.known.output_bias
         if self.weight and not self.bias:
             self.bias = self._rounded(self.weight.codes)
@@ -289,10 +282,28 @@ class MotionCheck:
             if tare:
                 self._tare()
 
+    def _for_weight(self, held: CheckedObjects, weight: Weight) -> CheckedObjects:
+        """Returns the objects with the values that the weight and its brake need."""
+        # The output is up to half of its step beside the weight.
+        rounding = 2.0 ** (12 - held.dac_bits) / 2
+        drift = rounding * weight.drift_counts if self._weighs else 0.0
+        sag = math.ceil(SAG_FACTOR * (weight.sag_counts + drift))
+        sag = min(sag, round(BY_NAME["first_motion_counts"].max))
+        counts = max(held.first_motion_counts, sag)
+        # An axis that is accelerated over a longer way becomes faster with its square root.
+        faster = math.sqrt(counts / held.first_motion_counts)
+        speed = min(faster * held.first_motion_speed, BY_NAME["first_motion_speed"].max)
+        return replace(
+            held, first_motion_counts=counts, first_motion_speed=float(round(speed)),
+            brake_engage_ticks=max(held.brake_engage_ticks,
+                                   bus_times.brake_ticks(1e3 * weight.engage_s)),
+        )  # fmt: skip
+
     def asked(self, tare: bool = True) -> str:
         """Returns the text that describes the motion. A person has to confirm this motion before
         the axis moves. `tare`: True if the tare is taken too."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
+        speed = self.known.first_motion_speed
         way = "away from" if self.direction < 0 else "toward"
         held = f"An output of {self.bias:g} codes holds its weight. " if self.bias else ""
         if self.weight and self.weight.fall_m:
@@ -301,8 +312,9 @@ class MotionCheck:
         zero = " The tare is taken where the reading is near zero." if tare else ""
         return (
             f"{held}It moves {counts} encoder counts in open loop, at most "
-            f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
-            f"{way} the workpiece and back with at most {self._output()} codes, never more than "
+            f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes and {speed:g} counts per "
+            f"tick ({TICKS_PER_S * speed:.0f} counts/s), then {self.travel} counts {way} the "
+            f"workpiece and back with at most {self._output()} codes, never more than "
             f"{self._span()} counts from here while it is enabled; after a stop it coasts."
             f"{zero}"
         )
@@ -500,13 +512,9 @@ class MotionCheck:
         names = [*bounds, "first_motion_test", "position_setpoint", "modes_of_operation",
                  "output_bias", "brake_engage_ticks", "output_limit", "speed_max"]  # fmt: skip
         before = self.axis.link.read(names)
-        self.engages = known.brake_engage_ticks
-        if self.weight:
-            ticks = bus_times.brake_ticks(1e3 * self.weight.engage_s)
-            self.engages = max(self.engages, ticks)
         try:
             self.axis.set(**bounds, first_motion_test="off", output_bias=self.bias,
-                          brake_engage_ticks=self.engages)  # fmt: skip
+                          brake_engage_ticks=known.brake_engage_ticks)  # fmt: skip
             self._bound_first_motion()
             if not self._first_motion():
                 self._skip("an earlier step failed", "move", "weight")
@@ -514,7 +522,7 @@ class MotionCheck:
             self._bound_move()
             self._move()
             if self.passed:
-                before["brake_engage_ticks"] = self.engages
+                before |= {name: client.to_raw(name, v) for name, v in self.raised.items()}
                 if self.learned is not None:
                     before["output_bias"] = client.to_raw("output_bias", self.learned)
         finally:
@@ -676,12 +684,10 @@ class MotionCheck:
         # number of DAC codes for a position error of one encoder count
         spread = max(moved.spread, self.known.position_gain)
         text = f"{codes:.4g} codes at standstill"
-        brake = ""
-        if self.engages > self.known.brake_engage_ticks:
-            brake = f", brake_engage_ticks {self.engages}"
+        raised = "".join(f", {name} {value:g}" for name, value in self.raised.items())
         if not self._weighs and not self.known.output_bias:
             if model and model.newton:
-                text += f", the drive holds the weight by itself{brake}"
+                text += f", the drive holds the weight by itself{raised}"
             offset = abs(codes) > spread
             if offset:
                 text += ": trim the amplifier's offset" + (
@@ -690,7 +696,7 @@ class MotionCheck:
             self._done("weight", "noted" if offset else "passed", text, codes)
             return
         self.learned = self._rounded(codes)
-        kept = f"output_bias {self.learned:g} codes{brake}; `axis params store` keeps it"
+        kept = f"output_bias {self.learned:g} codes{raised}; `axis params store` keeps it"
         if model is None or not self._weighs:
             self._done("weight", "passed", f"{text}, {kept}", codes, self.known.output_bias)
             return

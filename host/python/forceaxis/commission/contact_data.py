@@ -315,6 +315,15 @@ def touch_downs(
     return ContactData(tuple(touches), parts, all(commanded))
 
 
+def mean_speed(position: Samples, begin: float, end: float) -> float:
+    """Returns the mean speed of the axis in m per time step, between two time steps of the plant,
+    or 0 if there are no two positions."""
+    used = (position.at >= begin) & (position.at <= end)
+    if np.count_nonzero(used) < 2:
+        return 0.0
+    return float(np.polyfit(position.at[used], position.values[used], 1)[0])
+
+
 def parts_of(facts: PlantFacts) -> int:
     """Returns the number of time steps of the plant in one tick that the force sensor needs: the
     force changes between ticks, where a sensor with its own clock measures it, and a sinc filter
@@ -394,7 +403,9 @@ class _Reader:
             return TouchDown(name, volts, onset, begun, None, travel)
         position = self.samples(recording["position"], first, last, 0)
         touched = np.interp(onset, position.at, position.values)
-        speed = self._speed(position, 0.0, 2.0 * self.parts)
+        # Over a bus a position is new once a cycle.
+        ticks = 2 * self.facts.required_drive.bus.cycle_ticks
+        speed = mean_speed(position, 0.0, float(ticks * self.parts)) * self.rate
         moves = abs(speed) > MOVING_STEPS * position.step * TICKS_PER_SECOND
         return TouchDown(
             name, volts, onset, begun, position, float(touched - position.values[0]),
@@ -423,7 +434,7 @@ class _Reader:
         steps = int((end - begin) * self.rate + 1e-6) + 2 + ahead
         if "position" in recording:
             position = self.samples(recording["position"], begin, end, 0)
-            speed = self._speed(position, 0.0, (touch_s - begin) * self.rate)
+            speed = mean_speed(position, 0.0, (touch_s - begin) * self.rate) * self.rate
             position = replace(position, at=position.at + ahead)
         elif "speed" in recording:
             position, speed = None, float(recording.sampled("speed", np.array([begin]))[0])
@@ -447,11 +458,3 @@ class _Reader:
         times, values = force.true_time_s[used], force.values[used]
         free = onset_of(times, values, level_of(times, values, f"{name}: force"))
         return float((times[free] - first) * self.rate), free
-
-    def _speed(self, position: Samples, begin: float, end: float) -> float:
-        """Returns the mean speed of the axis in m/s between two time steps of the plant."""
-        used = (position.at >= begin) & (position.at <= end)
-        if np.count_nonzero(used) < 2:
-            return 0.0
-        slope = np.polyfit(position.at[used], position.values[used], 1)[0]
-        return float(slope) * self.rate

@@ -40,8 +40,8 @@ def at_instants(recording: SignalRecording, facts: PlantFacts) -> tuple[SignalRe
     sampling = facts.reading.sampling if facts.reading else None
     if sampling and "force" in found:
         found["force"], late_s = _force_at_samples(found["force"], sampling)
-    if not facts.bus.is_immediate and "position" in found:
-        found |= _over_bus(found, facts.bus)
+    if not facts.bus.is_immediate:
+        found |= _over_bus(found, facts.bus) if "position" in found else _sent(found, facts.bus)
     return replace(recording, signals=tuple(found.values())), late_s
 
 
@@ -89,6 +89,17 @@ def _over_bus(found: dict[str, RecordedSignal], bus: BusFacts) -> dict[str, Reco
         values = np.concatenate([code.values[:1], code.values[held]])
         changed["code"] = replace(code, time_s=at, values=values)
     return changed
+
+
+def _sent(found: dict[str, RecordedSignal], bus: BusFacts) -> dict[str, RecordedSignal]:
+    """Returns the code of a recording without a position, which would show the phase of the bus: a
+    command waits for the next frame, on average for half of the other ticks of a cycle."""
+    code = found.get("code")
+    if code is None or code.delay_s or not _has_period(code.time_s, 1 / TICKS_PER_SECOND):
+        return {}
+    late_s = (bus.delay_ticks_out + (bus.cycle_ticks - 1) / 2) / TICKS_PER_SECOND
+    at = np.concatenate([code.time_s[:1], code.time_s + late_s])
+    return {"code": replace(code, time_s=at, values=np.concatenate([code.values[:1], code.values]))}
 
 
 def _has_period(times: Floats, period: float) -> bool:

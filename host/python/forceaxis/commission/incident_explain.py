@@ -19,10 +19,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from forceaxis import paths, progress
-from forceaxis.commission import contact_check, incident_repeat
+from forceaxis.commission import contact_check, contact_data, incident_repeat
 from forceaxis.commission.contact_fit import REJECTED_BELOW
 from forceaxis.commission.incident import Incident
 from forceaxis.commission.incident_causes import CHANGED, COMMAND, FittedCause, Released
@@ -41,7 +39,8 @@ AGAIN_BELOW = 50.0
 # LARGE_FACTOR: smallest factor of a large change of a parameter.
 # A recorded second that cannot exclude a large change does not show what has happened.
 LARGE_FACTOR = 1.5
-SPEED_TICKS = 15  # number of ticks before the first contact from which the speed is computed
+# least number of ticks before the first contact from which the speed is computed
+SPEED_TICKS = 15
 UNITS = {"gain": "", "offset": "N", "place": "m", "scale": "", "slip": "m"}
 FILES = ("explanation.json", "explanation.png", "model.toml", "experiment.toml")
 
@@ -144,17 +143,19 @@ def explain(incident: Incident, order: ExplainOrder) -> Explained:
     touch = released.data.touches[0]
     rate, last = released.data.rate_hz, len(touch.volts) - 1
     assert touch.position is not None
-    at = touch.position.at
-    used = (at >= touch.onset - SPEED_TICKS * released.data.parts) & (at <= touch.onset)
-    speed = np.polyfit(at[used], touch.position.values[used], 1)[0]
+    cycle = released.facts.required_drive.bus.cycle_ticks
+    # At least two positions, of which a bus brings one in each cycle.
+    way = max(SPEED_TICKS, 2 * cycle) * released.data.parts
+    end = max(touch.onset, float(touch.position.at[0]) + way)
+    speed = contact_data.mean_speed(touch.position, end - way, end)
     result = Explanation(
         where=incident.where,
         fault=incident.fault,
         model=paths.display(released.path),
         posterior=paths.display(order.posterior) if order.posterior else None,
-        ticks=len(touch.force.values),
+        ticks=int((last - touch.force.at[0]) / released.data.parts) + 1,
         touch_s=(touch.onset - last) / rate if touch.onset < last else None,
-        speed_m_per_s=float(speed) * rate,
+        speed_m_per_s=speed * rate,
         peak_N=float(touch.force.values.max()),
         explained=causes[0].p >= REJECTED_BELOW,
         repeats=repeats,

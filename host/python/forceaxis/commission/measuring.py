@@ -101,21 +101,20 @@ def measure(
             say("apart, commands to the encoder")
             if search:
                 search.apart()
-            done[FREE] = _taken(axis, analyzer, analyzer.free(), rest, search)
+            done[FREE] = _taken(analyzer, analyzer.free(), rest, search)
         if forces and search:
             say("a slow change of the force, for friction")
             search.between(tuple(forces))
         for force in forces:
             say(f"in contact with {force:g} N: response from the codes to the measured force")
             level = analyzer.contact(force)
-            done[f"{force:g}N"] = _taken(axis, analyzer, level, rest, search)
+            done[f"{force:g}N"] = _taken(analyzer, level, rest, search)
         if forces:
             analyzer.go_home()
     return done
 
 
 def _taken(
-    axis: Axis,
     analyzer: Analyzer,
     level: Level,
     rest: Rest,
@@ -124,7 +123,7 @@ def _taken(
     """Returns the result of a measured response, including the friction that `search` has found."""
     if search:
         search.expect_sliding(level)
-    done = result_of(axis, analyzer.order, level, rest)
+    done = result_of(analyzer, level, rest)
     if not search:
         return done
     return replace(
@@ -165,14 +164,15 @@ def hints(level: Level, rest: Rest) -> list[str]:
     return texts
 
 
-def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> AxisMeasurement:
+def result_of(analyzer: Analyzer, level: Level, rest: Rest) -> AxisMeasurement:
     """Returns the result of a measured response, without an entry about friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
+    most_N = analyzer.force_max_N
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"
-    title = f"{axis.link.where}, {where}"
+    title = f"{analyzer.axis.link.where}, {where}"
     summary = AxisMeasurementSummary(
-        measurement=axis.link.where,
+        measurement=analyzer.axis.link.where,
         title=title,
         input=measured.input,
         output=measured.output,
@@ -188,7 +188,7 @@ def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> Ax
         aborts=tuple(level.aborts),
         of_loop=level.of_loop,
         rest=rest,
-        force_max_allowed_N=order.force_max_N if np.isfinite(order.force_max_N) else None,
+        force_max_allowed_N=most_N if np.isfinite(most_N) else None,
         averages=measured.averages,
         band_hz=(float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])),
         coherence_median=float(np.median(measured.coherence)),
@@ -198,7 +198,7 @@ def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> Ax
         comparison=None if model is None else measured.compare(model),
         readings=measured.readings(),
         hints=tuple(hints(level, rest)),
-        seed=order.seed,
+        seed=analyzer.order.seed,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
     )

@@ -308,11 +308,12 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 def _force_bound(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
     """Returns the `force_max` of the request if the axis has none, so that the axis keeps the bound
-    with the force law. A sensor at an end of its range cannot show a larger force, so the bound is
-    below this end."""
-    if held.force_max:
-        return {}
+    with the force law. Also replaces a larger one that an earlier run in this folder has written. A
+    sensor at an end of its range cannot show a larger force, so the bound is below this end."""
     counts = tuning.order.force_max_N / abs(facts.required_reading.per_count)
+    written = (BEFORE.read(tuning.folder) or {}).get("force_max") == 0
+    if held.force_max and not (written and held.force_max > counts):
+        return {}
     reading = bounds.of_reading(PlannedValues(tuning.axis, {}))
     most = READABLE_SHARE * reading.most if reading else counts
     return {"force_max": math.floor(256 * min(counts, most)) / 256}
@@ -675,10 +676,12 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
     return text + f"{kinds.count('set')} of the set settle, static error {errors}"
 
 
-def write(tuning: TuningFolder, designed: Designed) -> Written:
+def write(tuning: TuningFolder, designed: Designed, checked: Checked) -> Written:
     """Writes the filter bank to the axis. Before that, writes a copy of the previous values to a
-    file."""
-    axis, values = tuning.axis, designed.objects
+    file. `force_max` is that of the present request, for which an earlier design may be kept."""
+    axis = tuning.axis
+    values = {n: v for n, v in designed.objects.items() if n != "force_max"}
+    values |= {n: v for n, v in checked.settings.items() if n == "force_max"}
     disable(axis)
     if BEFORE.read(tuning.folder) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
@@ -721,11 +724,11 @@ def _has_lost(tuning: TuningFolder, designed: Designed) -> bool:
     return any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items())
 
 
-def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
+def _ensure_written(tuning: TuningFolder, designed: Designed, checked: Checked) -> None:
     """Writes the filter bank again if the axis has lost it because of a power cut or a reset."""
     if _has_lost(tuning, designed):
         tuning.say("the axis has lost the bank; the bank is written again")
-        write(tuning, designed)
+        write(tuning, designed, checked)
 
 
 def _restore_earlier_law(tuning: TuningFolder) -> None:
@@ -745,7 +748,7 @@ def verify(
 ) -> Verified:  # fmt: skip
     """Measures the responses again with the active filter bank. Also measures Ms of the loop with
     this filter bank."""
-    _ensure_written(tuning, designed)
+    _ensure_written(tuning, designed, checked)
     order = with_measured_way(tuning, tuning.order, measured.between.way)
     # A mode above the measured band may limit the loop, so |S| is verified beyond this band.
     high = highest_hz(linear.facts(tuning.model))
@@ -858,9 +861,9 @@ def verify_line(tuning: TuningFolder, done: Verified) -> str:
     )
 
 
-def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Stored:
+def store(tuning: TuningFolder, verified: Verified, designed: Designed, checked: Checked) -> Stored:
     """Stores the parameters and the certificate in the non-volatile memory of the axis."""
-    _ensure_written(tuning, designed)
+    _ensure_written(tuning, designed, checked)
     axis = tuning.axis
     disable(axis)
     try:
@@ -942,14 +945,18 @@ SIMULATE = TuningStep(
     ("design", "check", "fit"), simulate_line,
 )  # fmt: skip
 WRITE = TuningStep(
-    "write", write, FolderFile("write.json", StepFile[Written]), ("design",), write_line
+    "write", write, FolderFile("write.json", StepFile[Written]), ("design", "check"), write_line
 )
 VERIFY = TuningStep(
     "verify", verify, FolderFile("verify.json", StepFile[Verified]),
     ("write", "design", "measure", "check", "fit"), verify_line,
 )  # fmt: skip
 STORE = TuningStep(
-    "store", store, FolderFile("store.json", StepFile[Stored]), ("verify", "design"), store_line
+    "store",
+    store,
+    FolderFile("store.json", StepFile[Stored]),
+    ("verify", "design", "check"),
+    store_line,
 )
 AnyStep = (
     TuningStep[Checked] | TuningStep[FreeResponse] | TuningStep[MeasuredResponses]

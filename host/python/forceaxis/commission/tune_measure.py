@@ -431,7 +431,7 @@ def take_response(
     with analyzing(tuning, settings, order, kind) as analyzer:
         rest = analyzer.rest() if name == "free" else Rest(0.0, None, 0)
         level = take(analyzer)
-    done = measuring.result_of(tuning.axis, analyzer.order, level, rest)
+    done = measuring.result_of(analyzer, level, rest)
     # No plots are written to the folder, because the page of the tuning shows the response.
     results.write(done, tuning.folder / name, draw=False)
     return level, ResponseFigures(

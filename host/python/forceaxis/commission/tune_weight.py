@@ -38,13 +38,13 @@ class WeightObjects:
     output_bias: float
     brake_engage_ticks: int
     first_motion_counts: int
+    first_motion_speed: float
 
 
 def held_weight(tuning: TuningFolder, settings: Settings, rest: Rest) -> Settings:
     """Moves an axis with a weight as `axis check` does, within its travel out of contact, if the
     axis would begin with its first motion test. Returns the WeightObjects that have changed, as
-    {object: engineering value}. Of these, `output_bias` and `brake_engage_ticks` are on the axis
-    until the end of the run.
+    {object: engineering value}. They are on the axis until the end of the run.
 
     `settings`: objects that are not set on the axis. `rest`: state of the disabled axis. At the
     end, the axis is disabled again. Raises Refusal if a step of the check fails.
@@ -75,7 +75,7 @@ def held_weight(tuning: TuningFolder, settings: Settings, rest: Rest) -> Setting
             "weight", "expected an axis that `axis check` finds without a fault, so that its "
             f"weight is held, but {failed.step}: {failed.text}"
         )  # fmt: skip
-    now = vars(axis.record(WeightObjects)) | {"first_motion_counts": run.known.first_motion_counts}
+    now = vars(axis.record(WeightObjects))
     return {name: value for name, value in now.items() if value != getattr(before, name)}
 
 

@@ -245,8 +245,10 @@ class SheetValues:
     ))  # fmt: skip
     counterbalance_n: float = number(SheetField(
         "axis", "N", 0, 1e7, 0.0, "none",
-        "force of a spring, cylinder or counterweight that carries the weight or a part of it; the "
-        "mass of a counterweight is a part of the moving mass", needs="inclination_deg",
+        "force of a spring or cylinder that carries the weight or a part of it; for a "
+        "counterweight of a vertical axis add its mass to the moving mass, and give twice its "
+        "weight",
+        needs="inclination_deg",
     ))  # fmt: skip
     brake_holding_n: float | None = number_or_word(SheetField(
         "axis", "N", 1e-3, 1e7, lambda v: default_brake_n(v), "twice the weight",
