@@ -23,8 +23,9 @@ class TickClock {
   // So an importer that counts nanoseconds gets a tick in each step, and where its deviations have
   // added up to half a tick, a step with one tick more or less.
   static constexpr double kTolerance = 2e-6;
-  // Largest deviation, in ticks, of any other communication point that is taken as a tick.
-  static constexpr double kRounding = 1e-6;
+  // Largest deviation, in ticks, of any other communication point that is taken as a tick. One
+  // that is cut to whole nanoseconds deviates by less than 1.5e-6.
+  static constexpr double kRounding = 2e-6;
   static constexpr double kTicksMax = 1e9;  // largest number of ticks in one step of the importer
 
   explicit TickClock(double start_s = 0.0) : start_s_(start_s) {}

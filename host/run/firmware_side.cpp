@@ -84,6 +84,13 @@ ExperimentWrites::Write FirmwareSide::writer() {
   };
 }
 
+void FirmwareSide::complete_first_save(std::uint8_t before) {
+  store_t &store = axis_->store;
+  if (store.set != STORE_NOWHERE || before == AXIS_STORE_STATE_RESTORED) return;
+  store.first = AXIS_OBJ_NONE;
+  store.last = AXIS_OBJ_COUNT;
+}
+
 std::int32_t FirmwareSide::read(std::uint16_t object) const {
   std::int32_t value = 0;
   fw_object_read(axis_.get(), object, &value);

@@ -91,10 +91,19 @@ class FirmwareSide {
   };
 
   ExperimentWrites::Write writer();
+  // Call this function after a tick that has begun a save. In a tick, only LSS begins one, of the
+  // node id and the bit rate; without a stored set, all other parameters are saved as defaults,
+  // which would replace [firmware] at the next power-up. So the first set that an axis saves has
+  // the present values. `before`: store_state before the tick; restored defaults stay restored.
+  void complete_first_save(std::uint8_t before);
   void write_due(std::int64_t tick) { writes_.write_due(tick, writer()); }
   LinkOutputs run_tick(const axis_inputs_t &inputs, std::int64_t tick, std::uint8_t axis) {
     axis_outputs_t outputs{};
+    const std::uint8_t before = axis_->device_signals.store_state;
     fw_tick(axis_.get(), &inputs, &outputs);
+    if (before != AXIS_STORE_STATE_SAVING &&
+        axis_->device_signals.store_state == AXIS_STORE_STATE_SAVING)
+      complete_first_save(before);
     const auto out =
         static_cast<std::uint8_t>((outputs.amp_enable ? 1 : 0) | (outputs.brake_release ? 2 : 0));
     return {tick,

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <optional>
 #include <string>
 
 #include "firmware/objects/generated/axis_objects.h"
+#include "firmware/port/host/store_file.h"
 #include "host/run/firmware_side.hpp"
 #include "host/run/objects.hpp"
 #include "host/run/plant_side.hpp"
@@ -75,6 +78,92 @@ TEST(Run, AnUnsignedObjectTakesItsWholeRange) {
                                              text};
     EXPECT_THROW(load_experiment(kContact, overrides), sim::InputError) << text;
   }
+}
+
+// One power-up of an axis on a bus whose parameters are in a file.
+struct StoredAxis {
+  StoredAxis(const Experiment &experiment, const std::string &path) : plant(experiment, {}) {
+    EXPECT_EQ(store_file_open(&store, path.c_str()), nullptr);
+    config.memory = &store.memory;
+    config.buses = 1;
+    config.node_id = FW_NODE_ID_BY_LSS;
+    config.hardware = "host";
+    firmware.emplace(experiment, FirmwareOptions{.config = &config});
+  }
+  ~StoredAxis() { store_file_close(&store); }
+  void run(int ticks) {
+    for (int i = 0; i < ticks; ++i) {
+      plant.act(firmware->tick(plant.sense()));
+      firmware->discard_output();
+    }
+  }
+  void lss(std::uint8_t service, std::uint8_t value) {
+    can_frame_t frame{};
+    frame.id = 0x7E5;
+    frame.length = 8;
+    frame.data[0] = service;
+    frame.data[1] = value;
+    fw_can_receive(firmware->axis(), &frame);
+    run(100);
+  }
+  // Configures node id 5 and stores it, by CiA 305.
+  void store_node_id() {
+    lss(0x04, 1);
+    lss(0x11, 5);
+    lss(0x17, 0);
+    run(1000);
+    EXPECT_EQ(firmware->read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_SAVED);
+  }
+  store_file_t store{};
+  fw_config_t config{};
+  PlantSide plant;
+  std::optional<FirmwareSide> firmware;
+};
+
+struct FirmwareStore : testing::Test {
+  ~FirmwareStore() override { std::remove(path.c_str()); }
+  std::string path =
+      testing::TempDir() + testing::UnitTest::GetInstance()->current_test_info()->name() + ".store";
+};
+
+TEST_F(FirmwareStore, ANodeIdThatLssStoresLeavesTheValuesOfTheExperiment) {
+  const std::vector<std::string> disabled{"firmware.mode=disabled"};  // LSS stores in this state
+  const Experiment experiment = load_experiment(kContact, disabled);
+  std::vector<std::int32_t> given;
+  {
+    StoredAxis axis(experiment, path);
+    for (const ObjectWrite &w : experiment.initial) given.push_back(axis.firmware->read(w.object));
+    axis.store_node_id();
+  }
+  StoredAxis axis(experiment, path);
+  EXPECT_EQ(axis.firmware->read(AXIS_OBJ_STORE_STATE), AXIS_STORE_STATE_LOADED);
+  EXPECT_EQ(axis.firmware->read(AXIS_OBJ_STORED_NODE_ID), 5);
+  for (std::size_t i = 0; i < given.size(); ++i) {
+    const ObjectWrite &w = experiment.initial[i];
+    EXPECT_EQ(axis.firmware->read(w.object), given[i]) << object_meta(w.object).name;
+  }
+}
+
+// LSS saves two parameters alone: a value that is set and not saved ends with the power.
+TEST_F(FirmwareStore, ANodeIdThatLssStoresLeavesAStoredSet) {
+  const Experiment experiment = load_experiment(kContact);
+  {
+    StoredAxis axis(experiment, path);
+    axis.run(10);
+    const auto write = [&axis](std::uint16_t object, std::int32_t value) {
+      EXPECT_EQ(fw_object_write(axis.firmware->axis(), FW_SOURCE_LOCAL, object, value), FW_OK);
+    };
+    write(AXIS_OBJ_MODE, AXIS_MODE_DISABLED);
+    axis.run(10);
+    write(AXIS_OBJ_FORCE_GAIN, 700);
+    write(AXIS_OBJ_STORE_ALL, 0x65766173);
+    axis.run(1000);
+    write(AXIS_OBJ_FORCE_GAIN, 900);
+    axis.store_node_id();
+  }
+  StoredAxis axis(experiment, path);
+  EXPECT_EQ(axis.firmware->read(AXIS_OBJ_STORED_NODE_ID), 5);
+  EXPECT_EQ(axis.firmware->read(AXIS_OBJ_FORCE_GAIN), 700);
 }
 
 // A client of a bus may select another program, whose phases and elements have no names in this

@@ -286,6 +286,19 @@ TEST(TickClock, NanosecondsGetATickInEachStepUntilTheyAreHalfATickApart) {
   EXPECT_NEAR(static_cast<double>(doubled[0]), 1e6, 2);
 }
 
+// Half a tick is no whole number of nanoseconds. An importer cuts or rounds each point.
+TEST(TickClock, APointInNanosecondsThatIsATickIsThisTick) {
+  for (const std::int64_t more : {0, 1500, 2999}) {
+    TickClock clock;
+    const auto point_ns = [more](std::int64_t k) { return (k * 1'000'000'000 + more) / 3000; };
+    for (std::int64_t k = 0; k < 100'000; ++k) {
+      clock.advance(static_cast<double>(point_ns(k)) * 1e-9,
+                    static_cast<double>(point_ns(k + 1) - point_ns(k)) * 1e-9);
+      ASSERT_EQ(clock.now() == std::floor(clock.now()), k % 2 == 1) << k;
+    }
+  }
+}
+
 // Steps of any length.
 
 // Communication points of a unit: steps below, at and above a tick, in any order.
