@@ -663,7 +663,7 @@ NO_FILES = {
             "cli.completion:install",
             "commission.contact_fit:read_recordings",
             "commission.tune:Tuning._claim",
-            "fmu.unit:_write",
+            "fmu.unit:_libraries",
             "recordings.importing:_digest",
             "recordings.reading:is_foreign",
         ),
