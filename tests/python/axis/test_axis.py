@@ -136,11 +136,18 @@ def test_a_value_that_is_not_stored_is_warned_of(tmp_path, capsys):
     with Axis(SimLink(CONTACT, GAINS, tmp_path / "axis.store")) as axis:
         axis.acquire()
         assert warning() == ""
-        axis.set(force_gain=7, position_gain=2, contact_force=3)
+        travel = axis.number("homing_travel")
+        axis.set(force_gain=7, position_gain=2)
         line = warning()
         assert line.count("\n") == 1
         assert "it then has force_gain = 5, position_gain = 4 again" in line
-        assert "--set firmware.force_gain=7" in line and "contact_force" not in line
+        assert "--set firmware.force_gain=7" in line
+        parameter_set.store(axis)
+        assert warning() == ""
+        # A value set after the save, and a parameter that [firmware] does not have.
+        axis.set(force_gain=8, homing_travel=4321)
+        assert axis.link.forgets() == {"force_gain": 7, "homing_travel": travel}
+        assert "it then has force_gain = 7, " in warning()
         parameter_set.store(axis)
         assert warning() == ""
 
