@@ -152,6 +152,24 @@ def test_a_value_that_is_not_stored_is_warned_of(tmp_path, capsys):
         assert warning() == ""
 
 
+def test_a_store_of_an_axis_with_another_converter_is_refused(tmp_path):
+    """Its stored adc_bits would make other forces of the codes."""
+    store = tmp_path / "axis.store"
+    with Axis(SimLink(CONTACT, store=store)) as axis:
+        axis.acquire()
+        parameter_set.store(axis)
+    on = ["--on", f"sim:{ROOT / 'sim/experiments/fig2_11.toml'}@{store}"]
+    done = forceaxis("axis", "get", *on, "adc_bits")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    for part in (f"{store}: adc_bits: expected 16, ", "got the stored 8; ", "override firmware."):
+        assert part in done.stderr
+    # What the line says to do.
+    given = ("--set", "firmware.adc_bits=16")
+    assert said(forceaxis("axis", "params", "store", *on, *given))
+    assert json.loads(said(forceaxis("axis", "get", *on, "adc_bits", "--json"))) == {"adc_bits": 16}
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

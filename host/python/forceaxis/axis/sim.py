@@ -77,8 +77,9 @@ class SimLink(RecorderLink):
         sensor = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
         if abs(has / sensor - 1) < FORCE_SCALE_TOLERANCE:
             return None
+        where = f"{self.where} with the store {self.store}" if self.store else self.where
         return (
-            f"{self.where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
+            f"{where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
             f"got {has:.6g}: its newtons are wrong by a factor of {sensor / has:.3g}; give "
             f"[firmware] force_scale = {round(sensor * 1e6)}, and store it if the axis has another "
             "stored value"
