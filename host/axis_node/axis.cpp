@@ -126,6 +126,7 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
     journal_->power_up(config_);
   }
   host::FirmwareOptions firmware{.hash = true, .config = &config_};
+  if (store_) firmware.store = options.store + suffix;
   if (journal_) {
     firmware.writing = [this](std::int64_t tick, const host::ObjectWrite &w) {
       journal_->write(tick, w.object, w.raw);

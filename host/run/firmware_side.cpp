@@ -5,6 +5,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "host/run/cycle_result.hpp"
+#include "sim/model/elements/adc.hpp"
 #include "sim/model/elements/dac.hpp"
 
 namespace forceaxis::host {
@@ -51,7 +52,24 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
                                 "; report this as an error of "
                                 "forceaxis");
   }
-  writes_.write_initial(writer(), has_loaded(read(AXIS_OBJ_STORE_STATE)));
+  const bool is_loaded = has_loaded(read(AXIS_OBJ_STORE_STATE));
+  writes_.write_initial(writer(), is_loaded);
+  if (is_loaded && !options.store.empty()) check_loaded();
+}
+
+// Refuses a store of an axis with other converters, because the firmware would read wrong forces.
+void FirmwareSide::check_loaded() const {
+  const std::int32_t bits = read(AXIS_OBJ_ADC_BITS);
+  for (const auto &adc : experiment_->model->adc) {
+    if (adc && adc->bits != bits) {
+      throw sim::InputError(options_.store, "adc_bits",
+                            "expected " + std::to_string(adc->bits) +
+                                ", the resolution of the model's ADC in bits, got the stored " +
+                                std::to_string(bits) +
+                                "; name the store of an axis with this model, or override "
+                                "firmware.adc_bits and store anew");
+    }
+  }
 }
 
 std::optional<CycleResult> FirmwareSide::cycle() const {

@@ -23,6 +23,9 @@ struct FirmwareOptions {
   bool hash = false;
   // Configuration of the firmware. If the pointer is NULL, the axis has no bus.
   const fw_config_t *config = nullptr;
+  // File of the parameter store in `config`, for errors. If it is empty, a loaded set is not
+  // compared with the model.
+  std::string store = {};
   // Function that is called with every write of the experiment before the firmware receives the
   // write. The tick of initial writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
@@ -32,8 +35,8 @@ class FirmwareSide {
  public:
   // Powers up the firmware and makes the initial writes by ExperimentWrites::write_initial().
   // Parameters that the firmware has loaded from its store remain.
-  // Throws sim::InputError if the firmware refuses an initial write. The experiment must exist as
-  // long as this object.
+  // Throws sim::InputError if the firmware refuses an initial write, or if it has loaded another
+  // resolution than that of the model's ADCs. The experiment must exist as long as this object.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
   // Makes the writes of the experiment for the next tick, then computes this tick of the firmware.
@@ -91,6 +94,7 @@ class FirmwareSide {
   };
 
   ExperimentWrites::Write writer();
+  void check_loaded() const;
   // Call this function after a tick that has begun a save. In a tick, only LSS begins one, of the
   // node id and the bit rate; without a stored set, all other parameters are saved as defaults,
   // which would replace [firmware] at the next power-up. So the first set that an axis saves has

@@ -70,7 +70,7 @@ class LiveAxis {
     config_.node_id = kNode;
     config_.hardware = "simulator";
     firmware_ = std::make_unique<FirmwareSide>(
-        experiment_, forceaxis::host::FirmwareOptions{.config = &config_});
+        experiment_, forceaxis::host::FirmwareOptions{.config = &config_, .store = store.string()});
     can_frame_t start{};  // NMT command "start" for all nodes
     start.length = 2;
     start.data[0] = 1;

@@ -136,13 +136,38 @@ def test_a_value_that_is_not_stored_is_warned_of(tmp_path, capsys):
     with Axis(SimLink(CONTACT, GAINS, tmp_path / "axis.store")) as axis:
         axis.acquire()
         assert warning() == ""
-        axis.set(force_gain=7, position_gain=2, contact_force=3)
+        travel = axis.number("homing_travel")
+        axis.set(force_gain=7, position_gain=2)
         line = warning()
         assert line.count("\n") == 1
         assert "it then has force_gain = 5, position_gain = 4 again" in line
-        assert "--set firmware.force_gain=7" in line and "contact_force" not in line
+        assert "--set firmware.force_gain=7" in line
         parameter_set.store(axis)
         assert warning() == ""
+        # A value set after the save, and a parameter that [firmware] does not have.
+        axis.set(force_gain=8, homing_travel=4321)
+        assert axis.link.forgets() == {"force_gain": 7, "homing_travel": travel}
+        assert "it then has force_gain = 7, " in warning()
+        parameter_set.store(axis)
+        assert warning() == ""
+
+
+def test_a_store_of_an_axis_with_another_converter_is_refused(tmp_path):
+    """Its stored adc_bits would make other forces of the codes."""
+    store = tmp_path / "axis.store"
+    with Axis(SimLink(CONTACT, store=store)) as axis:
+        axis.acquire()
+        parameter_set.store(axis)
+    on = ["--on", f"sim:{ROOT / 'sim/experiments/fig2_11.toml'}@{store}"]
+    done = forceaxis("axis", "get", *on, "adc_bits")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    for part in (f"{store}: adc_bits: expected 16, ", "got the stored 8; ", "override firmware."):
+        assert part in done.stderr
+    # What the line says to do.
+    given = ("--set", "firmware.adc_bits=16")
+    assert said(forceaxis("axis", "params", "store", *on, *given))
+    assert json.loads(said(forceaxis("axis", "get", *on, "adc_bits", "--json"))) == {"adc_bits": 16}
 
 
 @pytest.mark.parametrize(

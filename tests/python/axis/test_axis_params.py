@@ -360,7 +360,8 @@ def test_an_axis_with_a_store_of_0_1_0_is_dumped_for_another(owned, tmp_path):
     data = ROOT / "tests/firmware/unit/data"
     store = tmp_path / "axis.store"
     store.write_bytes((data / "store_0_1_0.bin").read_bytes())
-    first, second = owned(store=store), owned()
+    with_12_bits = ROOT / "sim/experiments/force_step.toml"  # as the axis that has stored the set
+    first, second = owned(with_12_bits, store=store), owned(with_12_bits)
     assert first.read("store_state").startswith("loaded")
     file = written(tmp_path, parameter_set.dump(first))
     parameter_set.load(second, file, measured=True)

@@ -22,7 +22,7 @@ from forceaxis.axis.link import (
 )
 from forceaxis.axis.parameter_file import engineering
 from forceaxis.bus.state_names import enum
-from forceaxis.objects import BY_NAME
+from forceaxis.objects import BY_NAME, OBJECTS
 
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 # 75 ticks are 50 ms, and the watchdog time is 500 ms.
 FEED_TICKS = 75
 WATCHDOG = BY_NAME["watchdog"].number
+SAVES = frozenset({"store_all", "store_parameters"})  # commands that save all parameters
+# The parameters that an axis can store. A change of another one clears the date of its
+# configuration, so this date says nothing of its own.
+STORED = [o.name for o in OBJECTS if o.stored and not o.name.startswith("configuration_")]
 
 
 class SimLink(RecorderLink):
@@ -56,9 +60,10 @@ class SimLink(RecorderLink):
         self._owned = False
         # in this tick, the firmware reads the sensors of the plant for the first time
         self.axis.step(1)
-        inputs = _core.inputs(str(experiment), list(overrides))
-        converters = inputs["converters"]
-        self._at_power_up = self._parameters(inputs["firmware"])
+        converters = _core.inputs(str(experiment), list(overrides))["converters"]
+        # Raw values that the axis has at its next power-up, and those that a save is writing.
+        self._at_power_up = self.read(STORED)
+        self._saving: dict[str, int] | None = None
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
@@ -72,8 +77,9 @@ class SimLink(RecorderLink):
         sensor = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
         if abs(has / sensor - 1) < FORCE_SCALE_TOLERANCE:
             return None
+        where = f"{self.where} with the store {self.store}" if self.store else self.where
         return (
-            f"{self.where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
+            f"{where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "
             f"got {has:.6g}: its newtons are wrong by a factor of {sensor / has:.3g}; give "
             f"[firmware] force_scale = {round(sensor * 1e6)}, and store it if the axis has another "
             "stored value"
@@ -88,26 +94,36 @@ class SimLink(RecorderLink):
                 raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
         return found
 
-    def _parameters(self, names: Iterable[str]) -> dict[str, float]:
-        """Returns the engineering values of `names`, without objects that the axis cannot store."""
-        stored = [BY_NAME[name] for name in names if BY_NAME[name].stored]
-        raw = self.read([o.name for o in stored])
-        return {o.name: engineering(o, raw[o.name]) for o in stored}
+    def _end_save(self) -> None:
+        """Takes the values of the last save as those of the next power-up if it has succeeded."""
+        if self._saving is not None:
+            state = enum("store_state", self.read_one("store_state"))
+            if state == "saved":
+                self._at_power_up = self._saving
+            if state != "saving":
+                self._saving = None
 
     def forgets(self) -> dict[str, float]:
-        if enum("store_state", self.read_one("store_state")) == "saved":
-            return {}
-        now = self._parameters(self._at_power_up)
-        return {name: value for name, value in self._at_power_up.items() if now[name] != value}
+        self._end_save()
+        now = self.read(STORED)
+        return {
+            name: engineering(BY_NAME[name], raw)
+            for name, raw in self._at_power_up.items()
+            if now[name] != raw
+        }
 
     def text(self, index: int) -> str | None:
         return {0x1008: "simulator", 0x100A: _core.FIRMWARE_VERSION}.get(index)
 
     def write(self, values: Mapping[str, int]) -> None:
         for name, raw in values.items():
+            if name in SAVES:
+                self._end_save()
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {reason(name, error)}")
+            if name in SAVES:
+                self._saving = self.read(STORED)
             self.axis.step(1)  # a written value takes effect in the next tick, as with a real bus
 
     def acquire(self) -> None:
