@@ -615,7 +615,7 @@ def test_on_a_terminal_it_asks_with_defaults_and_asks_again(tmp_path):
     assert "back-emf-v-s-per-rad, V s/rad [0.1]: " in shown  # it follows the torque constant
     assert "back-emf-v-s-per-rad, V s/rad [3]: " in shown  # as answered before one went back
     assert "lead-mm-per-rev, mm/rev [5]: " in shown
-    assert "\n12 of 54  motor: back-EMF" in shown.replace("\r", "")
+    assert "\n12 of 55  motor: back-EMF" in shown.replace("\r", "")
     assert max(map(len, shown.splitlines())) <= 80
     assert "backlash-mm" not in asked  # a rigid transmission has none
     assert "workpiece-mass-kg" in asked  # an elastic workpiece has one

@@ -261,7 +261,7 @@ WRONG = [
     ("monitor --speed 2", "--speed", "--replay"),
     ("monitor --replay none.log --once", "none.log", "expected an LCM log"),
     ("recording", "expected a command: convert, export, import"),
-    ("recording info x.csv", "x.csv: expected a recording", "`forceaxis recording import`"),
+    ("recording info none.csv", "none.csv: expected an LCM log that can be read"),
     ("recording import x.csv --out r", "'--map'"),
     ("recording import x.csv --map force=a:N", "'--out'"),
     ("recording import x.csv --map force=c:N --out r", "--map", "expected a column", "got c"),
