@@ -84,7 +84,7 @@ def expect_the_law_to_hold(folder):
 @pytest.mark.long
 def test_several_axes_are_listed_recorded_and_set_alike(tmp_path, vcan):
     printed = typed(guide.PAGES / "several_axes.md", tmp_path, vcan, 120)
-    assert len(printed) == 10
+    assert len(printed) == 11
     rows = re.findall(r"^ *(\d+) ", printed["forceaxis axis list"], re.MULTILINE)
     assert rows == ["1", "2"]
     assert "tare" in printed["forceaxis axis get"]
