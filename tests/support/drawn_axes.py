@@ -147,6 +147,7 @@ class Hidden(SimLink):
     def __init__(self, address):
         self.axis = self._remote = Remote(address)
         self.where, self._owned, self._armed = "the hidden axis", False, None
+        self._at_power_up, self._saving = {}, None
         self.axis.step(1)
 
     def processor_s(self):
