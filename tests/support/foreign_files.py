@@ -16,8 +16,10 @@ import can
 import numpy as np
 import openpyxl
 from asammdf import MDF, Signal
+from forceaxis.recordings import signal_recording
 from mcap_ros2.writer import Writer as RosWriter
 from nptdms import ChannelObject, RootObject, TdmsWriter
+from verbs import forceaxis
 
 DBC = """\
 VERSION ""
@@ -252,3 +254,15 @@ def drawn(seed: int) -> tuple[str, Made, Samples, list[str]]:
         changes.append("gap")
     name = rng.choice(list(MAKERS))
     return name, MAKERS[name](given, rng), known, changes
+
+
+def run(file, *words):
+    """`forceaxis recording import` of a file, into the folder of the file."""
+    return forceaxis("recording", "import", file, *words, "--out", file.parent / "made")
+
+
+def imported(file, *words):
+    """Imports a file; returns (recording, what the command has printed)."""
+    done = run(file, *words)
+    assert done.returncode == 0, done.stderr
+    return signal_recording.read(file.parent / "made.npz"), done.stdout

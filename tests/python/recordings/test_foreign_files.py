@@ -11,23 +11,13 @@ import openpyxl
 import pytest
 from asammdf import MDF, Signal
 from forceaxis.recordings import signal_recording
+from foreign_files import imported, run
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from verbs import forceaxis
 
 STEPS = np.arange(60)
 FORCE_N = np.round(3 + 2.345 * STEPS, 3)
 TRAVEL_MM = np.round(-7 + 0.11 * STEPS, 4)
-
-
-def run(file, *words):
-    return forceaxis("recording", "import", file, *words, "--out", file.parent / "made")
-
-
-def imported(file, *words):
-    """Imports a file; returns (recording, what the command has printed)."""
-    done = run(file, *words)
-    assert done.returncode == 0, done.stderr
-    return signal_recording.read(file.parent / "made.npz"), done.stdout
 
 
 def refused(file, *words):

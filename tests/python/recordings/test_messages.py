@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from forceaxis.recordings import signal_recording
+from foreign_files import imported, run
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as RosWriter
 from verbs import forceaxis
@@ -14,16 +14,6 @@ from verbs import forceaxis
 BEGIN_NS = 1_778_767_384_000_000_000
 STEPS = np.arange(400)
 FORCE_N = np.round(3 + 0.25 * STEPS, 2)
-
-
-def run(file, *words):
-    return forceaxis("recording", "import", file, *words, "--out", file.parent / "made")
-
-
-def imported(file, *words):
-    done = run(file, *words)
-    assert done.returncode == 0, done.stderr
-    return signal_recording.read(file.parent / "made.npz"), done.stdout
 
 
 def messages(folder, *topics, chunk=1 << 20):

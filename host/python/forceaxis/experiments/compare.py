@@ -462,9 +462,9 @@ def _judged(
 
 
 def _needed(signals: Sequence[_Signal], level: ForceLevel) -> dict[str, ModelError]:
-    """Returns {signal: error of the model} with the smallest errors with which all characteristic
-    values agree, or {} if this is not possible. Small errors are tried first, because a large error
-    of the force causes contact losses."""
+    """Returns {signal: smallest error of the model}. With these errors, all characteristic values
+    of the recording and of the model agree. Returns {} if no errors make them agree. Small errors
+    are tried first, because a large error of the force causes contact losses."""
 
     def differing(shares: Mapping[str, float]) -> set[str]:
         figures = [one.figure for one in _judged(signals, shares, level)[0] if not one.agrees]

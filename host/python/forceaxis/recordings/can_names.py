@@ -275,7 +275,7 @@ def _only_node(log: CanLog, text: str) -> int:
 
 
 def _pdos(objects: "ObjectDictionary", node: int) -> Iterator[tuple["Message", bool]]:
-    """Yields (PDO, whether it is on) for the PDOs of a node that have numbers."""
+    """Yields (PDO, True if it is switched on) for each numbered PDO of a node."""
     from cantools.database import Message
 
     for kind, first, mapping, begin in PDOS:
