@@ -318,6 +318,7 @@ def test_no_multicast_route_is_one_line_that_says_how():
         (["monitor", "--once", "--record", "README.md"], ["README.md", "new file"]),
         (["monitor", "--replay", "a.log", "--record", "b.log"], ["--replay", "--record"]),
         (["recording", "info", "no/such.log"], ["no/such.log"]),
+        (["recording", "info", "README.md"], ["README.md", "rows of numbers"]),
         (["recording", "export", "README.md", "--out", "out/x"], ["README.md", "LCM log"]),
         (["recording", "export", "README.md"], ["--out"]),
         (["log", "exprot"], ["exprot"]),

@@ -441,6 +441,12 @@ def tables_in(path: Path, dialect: Dialect, where: str) -> list[TableSource]:
             tables[-1][0].append(section)
         else:
             tables.append((section, found))
+    # In a text, such as a manual, single lines look like rows of numbers.
+    if len(tables) > 1 and all(section.rows < 2 for section, _ in tables):
+        raise InputError(
+            f"{where}: expected two or more rows of numbers below each other, got single rows; "
+            "export the data as CSV"
+        )
     return [TableSource(path, where, section, found) for section, found in tables]
 
 
